@@ -68,6 +68,7 @@ class ModeEvidence:
     last_frequency_std: float = np.nan  # [Hz]
     close_pair: bool = False
     first_window: int = 1  # that saw it, counted as the last one
+    damping_ratio: float = np.nan  # ζ, mean of these windows; NaN where unknown [-]
 
     @classmethod
     def empty(cls, sighting: ModeObservation, track: int = 0) -> "ModeEvidence":
@@ -119,6 +120,15 @@ class ModeEvidence:
             last_window=window,
             last_frequency=sighting.frequency,
             last_frequency_std=float(np.linalg.norm(sighting.factor[0])),
+            damping_ratio=self._damping_with(sighting),
+        )
+
+    def _damping_with(self, sighting: ModeObservation) -> float:
+        """Mean of ζ with one window more."""
+        if self.n_windows == 0:
+            return sighting.damping_ratio
+        return self.damping_ratio + (sighting.damping_ratio - self.damping_ratio) / (
+            self.n_windows + 1
         )
 
     def at_model_level(self, partner: "PartnerInWater") -> "ModeEvidence":

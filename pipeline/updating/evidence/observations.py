@@ -38,6 +38,7 @@ class ModeObservation:
     factor: FloatArray  # F, (1 + n_channels, n_columns), F Fᵀ the covariance
     n_blocks: int  # time blocks from which the covariance was estimated
     close_pair: bool = False  # the mean frequency of two modes that could not be separated
+    damping_ratio: float = np.nan  # ζ; NaN for a close pair [-]
 
     @property
     def frequency(self) -> float:
@@ -147,7 +148,9 @@ def _sighting(group: list[Mode], rows: NDArray[np.intp], n_rows: int) -> ModeObs
     factor = np.zeros((n_rows, mode.covariance_factor.shape[1]))
     values[0], factor[0] = mode.frequency, mode.covariance_factor[0]
     values[rows], factor[rows] = mode.shape, mode.covariance_factor[2:]
-    return ModeObservation(mode.name, values, factor, mode.n_block_columns)
+    return ModeObservation(
+        mode.name, values, factor, mode.n_block_columns, damping_ratio=mode.damping_ratio
+    )
 
 
 def _pair_sighting(group: list[Mode], n_rows: int) -> ModeObservation:

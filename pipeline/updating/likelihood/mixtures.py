@@ -13,7 +13,8 @@ loads and damping. With w of mean 0 and standard deviation s beside errors η of
     ηᵀ (D + s² e eᵀ)⁻¹ η = η'ᵀ D⁻¹ η' + ŵ² / s²
 
 so that errors η' and a row ŵ more, of variance s², stand for a covariance that is not diagonal.
-e, the column of w, is what a share of 1 makes of η = model − identified. s = c / |ln(f_b / f_a)|.
+e, the column of w, is what a share of 1 makes of η = model − identified. s = c ζ² / ln²(f_b / f_a)
+with the identified ζ, which a mixture makes too large.
 Source: the matrix inversion lemma; Golub and Van Loan, "Matrix Computations" (2013), section 2.1.4.
 """
 
@@ -24,12 +25,12 @@ import numpy as np
 from pipeline.updating.likelihood.mode_errors import ModeErrors
 from sensors.arrays import FloatArray, IndexArray
 
-MIXED_REACH = 0.06  # between a mode and a neighbour that it may be mixed with, relative [-]
+MIXED_REACH = 0.08  # between a mode and a neighbour that it may be mixed with, relative [-]
 LEAST_LIKENESS = 0.5  # least MAC of such neighbours [-]
-HIDDEN_MIXING = 0.0035  # c where the neighbour was not identified beside: half of what damps a
-# parked tower; of 32 identified towers (seeds 17000 to 17031) shares of .31, .16, .08 and .06
-# stood at distances of .0125, .0175, .025 and .035 [-]
-SEEN_MIXING = 0.0008  # c where it was: .04, .07, .03 and .01 there [-]
+HIDDEN_MIXING = 1.2  # c where the neighbour was not identified beside: of 80 identified towers
+# (seeds 17000 to 17223) .3 to 1.8, whatever distance and damping [-]
+SEEN_MIXING = 0.4  # c where it was: .3 to .9, more where a mode is damped unlike the others [-]
+UNKNOWN_DAMPING = 0.007  # ζ where nothing tells it [-]
 WIDEST_SHARE = 0.5  # standard deviation of w: beyond, the mode would be the neighbour [-]
 
 
@@ -109,6 +110,7 @@ def _neighbours(found: ModeErrors) -> _Neighbours:
     identified = np.zeros(len(modes.frequencies), dtype=bool)
     identified[partners] = True
     mixing = np.where(identified[others], SEEN_MIXING, HIDDEN_MIXING)
+    damping = np.nan_to_num(found.damping_ratios[observations], nan=UNKNOWN_DAMPING)
     units = np.argmax(np.abs(modes.readings[partners]), axis=1)
     units[found.groups[~found.is_frequency]] = found.units[~found.is_frequency]
     return _Neighbours(
@@ -116,7 +118,7 @@ def _neighbours(found: ModeErrors) -> _Neighbours:
         modes=partners[observations],
         others=others,
         distances=apart,
-        stds=np.minimum(mixing / np.abs(apart), WIDEST_SHARE),
+        stds=np.minimum(mixing * (damping / apart) ** 2, WIDEST_SHARE),
         units=units[observations],
         sides=-1 - (others - others.min(initial=0)),
     )

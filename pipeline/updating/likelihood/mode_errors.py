@@ -47,6 +47,8 @@ class ModeErrors:
     """(p,) 0 for f, 1 + channel for a component of φ"""
     units: IndexArray
     """(p,) channel whose component is 1 in the shape; 0 for f"""
+    damping_ratios: FloatArray
+    """ζ of each identified mode that is compared, (n,), NaN where unknown [-]"""
     linearisation: Linearisation
 
     def squares(self, variances: FloatArray) -> tuple[FloatArray, IndexArray, FloatArray]:
@@ -109,6 +111,7 @@ def mode_errors(
         tracks=tracks,
         rows=rows,
         units=units,
+        damping_ratios=np.array([evidence.modes[each.identified].damping_ratio for each in used]),
         linearisation=modes,
     )
 

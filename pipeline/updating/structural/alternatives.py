@@ -199,21 +199,21 @@ class JointInference:
             )
             for each, fit in fits
         ]
-        lowest = min((end.cost for end in ends if end is not None), default=np.inf)
+        lowest = min((end.excess for end in ends if end is not None), default=np.inf)
         peaks = []
         for (each, fit), end in zip(fits, ends, strict=True):
-            if end is None or end.cost > lowest + HOPELESS * modes_to_a_cause(fit, end):
+            if end is None or end.excess > lowest + HOPELESS * modes_to_a_cause(fit, end):
                 continue
             if fit.is_rough:  # its other valleys are no better
                 peaks.append((each, fit, end))
                 continue
             good = warm[each.name].good_cost(fit.settings.good_cost) if each.name in warm else None
             peaks.append((each, fit, fit.improved(evidence, end, good_cost=good)))
-        lowest = min((peak.cost for *_, peak in peaks), default=np.inf)
+        lowest = min((peak.excess for *_, peak in peaks), default=np.inf)
         return [
             (each, fit, peak)
             for each, fit, peak in peaks
-            if peak.cost <= lowest + HOPELESS * modes_to_a_cause(fit, peak)
+            if peak.excess <= lowest + HOPELESS * modes_to_a_cause(fit, peak)
         ]
 
     def _with_discrepancy(
@@ -257,6 +257,7 @@ class JointInference:
             prior = fit.coordinates.prior_cost(peak.u)
             if not fit.is_rough:
                 cost = (cost - prior) / dispersion + prior
+            cost -= peak.degrees
             log_likelihood = -0.5 * (cost + log_determinant) / modes_to_a_cause(fit, peak)
             logs.append(np.log(alternative.probability) + log_likelihood)
         weights = np.exp(np.array(logs) - max(logs))

@@ -94,6 +94,11 @@ class JointPeak:
         """Cost per degree of freedom."""
         return self.cost / max(self.degrees, 1)
 
+    @property
+    def excess(self) -> float:
+        """Cost beyond chance: what is not compared must not count as a gain."""
+        return self.cost - self.degrees
+
 
 class JointFit:
     """Fits springs, figures and level of one turbine to combined modal evidence."""
@@ -227,7 +232,7 @@ class JointFit:
         good = self.settings.good_cost if good_cost is None else good_cost
         for start in islice(starts, most_starts):
             end = self.descended(evidence, targets, start, sigma=sigma)
-            if end is not None and (best is None or end.cost < best.cost):
+            if end is not None and (best is None or end.excess < best.excess):
                 best = end
             if best is not None and best.relative_cost <= good:
                 break
@@ -410,7 +415,8 @@ class JointFit:
         used = observations(evidence, pairing, modes.frequencies, self.likelihood, mac=mac)
         if not used:
             return None
-        return with_mixtures(mode_errors(evidence, pairing, used, modes, self.likelihood))
+        found = mode_errors(evidence, pairing, used, modes, self.likelihood)
+        return found if self.is_rough else with_mixtures(found)
 
     def linearised(self, u: FloatArray) -> Linearisation | None:
         """The model's modes at a point as the sensors read them; None where it cannot stand."""

@@ -111,25 +111,10 @@ def joint_refresh(
     """
     guards = guards or AcceptanceSettings()
     level_std = _level_std(inference, measured)
-    found, against = None, None
-    first = min((each.tolerance for each in warm), default=FINEST_TOLERANCE)
-    for tolerance in (each for each in TOLERANCES if each >= first):
-        found = _fitted(inference, measured, warm, level_std=level_std, tolerance=tolerance)
-        if found is not None:
-            pairing = found[0].best.peak.comparison.pairing
-            against = refusal(pairing.paired_share, pairing.cost, guards)
-            if against is None:
-                break
-    if found is None:
+    tried = _tried(inference, measured, warm, guards, last_fault)
+    if tried is None:
         return None
-    result, evidence = found
-    fault = None
-    if result.best.fit.is_rough or suspicious(result.best.fit, result.best.peak):
-        result, evidence, fault = _with_sensor_fault(inference, result, evidence, last_fault)
-    best = result.best
-    if fault is not None:
-        pairing = best.peak.comparison.pairing
-        against = refusal(pairing.paired_share, pairing.cost, guards)
+    result, evidence, best = tried.result, tried.evidence, tried.result.best
     coordinates = best.fit.coordinates
     u, sigma = result.draws(N_DRAWS, generator, widening=WIDENING)
     covariance = best.posterior.covariance
@@ -152,9 +137,65 @@ def joint_refresh(
         conflicts=figure_conflicts(best.posterior.mean, covariance, coordinates),
         budget=error_budget(best.peak.u, covariance, coordinates),
         relative=relative,
-        fault=fault,
-        refusal=against,
+        fault=tried.fault,
+        refusal=tried.refusal(guards),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Attempt:
+    """What one tolerance of the pairing makes of the evidence."""
+
+    result: JointResult
+    evidence: ModalEvidence
+    """At the model's water level."""
+    fault: SensorFault | None = None
+
+    @property
+    def paired_share(self) -> float:
+        """Of the identified modes [-]"""
+        return self.result.best.peak.comparison.pairing.paired_share
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether a fault of the sensors may be behind it."""
+        best = self.result.best
+        return best.fit.is_rough or suspicious(best.fit, best.peak)
+
+    def refusal(self, guards: AcceptanceSettings) -> QualityWarning | None:
+        """Why the modes are not this structure's."""
+        cost = self.result.best.peak.comparison.pairing.cost
+        return refusal(self.paired_share, cost, guards)
+
+
+def _tried(
+    inference: JointInference,
+    measured: ModalEvidence,
+    warm: Sequence[WarmStart],
+    guards: AcceptanceSettings,
+    last_fault: str,
+) -> _Attempt | None:
+    """The narrowest tolerance at which enough modes have a partner, or a fault of the sensors says
+    why not; else the one at which most have; None where nothing can be compared."""
+    level_std = _level_std(inference, measured)
+    first = min((each.tolerance for each in warm), default=FINEST_TOLERANCE)
+    most: _Attempt | None = None
+    for tolerance in (each for each in TOLERANCES if each >= first):
+        fitted = _fitted(inference, measured, warm, level_std=level_std, tolerance=tolerance)
+        if fitted is None:
+            continue
+        attempt = _Attempt(*fitted)
+        if attempt.refusal(guards) is None:
+            searched = attempt.suspicious
+        else:  # the last resort: wrong cables may be why nothing fits
+            searched = tolerance == TOLERANCES[-1] and (most is None or bool(most.refusal(guards)))
+        if searched:
+            attempt = _Attempt(*_with_sensor_fault(inference, *fitted, last_fault))
+        if attempt.fault is not None or attempt.paired_share >= guards.paired_share:
+            return attempt
+        if most is None or attempt.paired_share > most.paired_share:
+            most = attempt
+    return most
 
 
 def _fitted(

@@ -108,19 +108,13 @@ def _best_of(
         fitted = _fitted(fault, evidence, peak)
         if fitted is None or _share(fitted) < _share(peak) - LOST_PAIRS:
             continue  # a mode without a partner is cheaper than one with a poor shape
-        if best is None or _excess(fitted) < _excess(best[1]):
+        if best is None or fitted.excess < best[1].excess:
             best = (fault, fitted)
-    if best is None or _excess(best[1]) > _excess(peak) - LEAST_DROP:
+    if best is None or best[1].excess > peak.excess - LEAST_DROP:
         return None
     fault, end = best
     text = _sized(fault, end) if end.relative_cost <= LARGEST_COST else ""
     return (replace(fault, text=text), end) if text else None
-
-
-def _excess(peak: JointPeak) -> float:
-    """Cost beyond what as many compared components cost by chance: a fault that gives modes their
-    partners back has more of them."""
-    return peak.cost - peak.degrees
 
 
 def _share(peak: JointPeak) -> float:

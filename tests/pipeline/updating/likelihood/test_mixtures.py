@@ -20,6 +20,7 @@ from sensors.structure.description import load_turbine
 from tests.outside.modal_data import LAYOUT, Truth, estimates, visible_modes
 from tests.outside.model import NOMINAL, converged
 
+BROADENING = 2.0  # of a resonance that is two
 TRUTH = Truth(NOMINAL * np.array([1.05, 0.95, 1.0]), description=converged())
 
 
@@ -60,7 +61,8 @@ class Neighbours:
                 along = float(mode.shape @ self.shape / (mode.shape @ mode.shape))
                 shape = mode.shape + share * (self.shape - self.shape[unit] * mode.shape)
                 frequency = mode.frequency * float(np.exp(share * along * self.distance))
-                mode = replace(mode, frequency=frequency, shape=shape)
+                broad = BROADENING * mode.damping_ratio
+                mode = replace(mode, frequency=frequency, shape=shape, damping_ratio=broad)
             if mode.name != self.other:
                 modes.append(mode)
         return replace(estimate, modes=tuple(modes))

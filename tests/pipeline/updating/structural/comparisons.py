@@ -26,5 +26,6 @@ def comparison(seed: int, n_dim: int, *, tracks: tuple[int, int, int] = (0, 1, 2
         tracks=np.repeat(tracks, 3),
         rows=np.arange(9) % 3,
         units=np.zeros(9, dtype=int),
+        damping_ratios=np.full(3, np.nan),
         linearisation=cast(Any, None),
     )

@@ -15,8 +15,12 @@ def weights_of(
     *,
     priors: dict[str, float] | None = None,
     degrees: int = 40,
+    compared: dict[str, int] | None = None,
 ) -> list[float]:
-    """Of structures whose fits end at these costs, of which so much is the figures' prior."""
+    """Of structures whose fits end at these costs, of which so much is the figures' prior.
+
+    compared   degrees of freedom of each; all the same by default
+    """
     found = [
         (
             Alternative(name, probabilities[name]),
@@ -27,7 +31,9 @@ def weights_of(
                     prior_cost=lambda _, name=name: (priors or {}).get(name, 0.0)
                 ),
             ),
-            SimpleNamespace(u=None, relative_cost=cost / degrees),
+            SimpleNamespace(
+                u=None, relative_cost=cost / degrees, degrees=(compared or {}).get(name, degrees)
+            ),
             SimpleNamespace(likeliest_sigma=0.0),
         )
         for name, cost in costs.items()
@@ -58,3 +64,13 @@ def test_where_modes_err_by_more_than_they_state_a_figure_far_from_its_prior_doe
         priors={"dry": 8.0, "flooded": 42.0},
     )
     assert dry / flooded == pytest.approx(np.exp(((34 - 72) / 1.9 + 42 - 8) / 2))
+
+
+def test_what_is_left_out_of_the_comparison_does_not_count_as_a_gain() -> None:
+    """A shape of eight components that one structure does not compare saves it eight by chance."""
+    whole, part = weights_of(
+        {"whole": 40.0, "part": 32.0},
+        {"whole": 0.5, "part": 0.5},
+        compared={"whole": 40, "part": 32},
+    )
+    assert whole == pytest.approx(part)

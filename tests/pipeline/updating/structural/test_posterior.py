@@ -56,6 +56,7 @@ def peak_of(errors: np.ndarray) -> JointPeak:
         tracks=groups,
         rows=rows,
         units=np.zeros(n * p, dtype=int),
+        damping_ratios=np.full(3, np.nan),
         linearisation=cast(Any, None),
     )
     return JointPeak(np.zeros(4), found, 0.0, n * p - 3)
