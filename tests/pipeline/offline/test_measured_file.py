@@ -1,5 +1,6 @@
 """A recording as one table."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ from tests.pipeline.example_messages import LAYOUT, block
 
 
 def test_the_samples_of_one_unit_are_those_that_were_recorded(tmp_path: Path) -> None:
-    """Nothing is resampled where nothing is joined."""
+    """Nothing is resampled where nothing is joined, though stamps scatter by some ms."""
     recorder = Recorder(tmp_path / "a.mcap", metadata={}, clock=None)
-    blocks = [block(number) for number in range(5)]
+    blocks = [
+        replace(block(n), start_ns=block(n).start_ns + 4_000_000 * (n % 2)) for n in range(40)
+    ]
     for message in (LAYOUT, *blocks):
         recorder.handle(message)
     recorder.close()
