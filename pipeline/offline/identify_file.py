@@ -231,7 +231,7 @@ def _read(
     table = measured_channels(path, layout, dates)
     unused: tuple[UnusedChannel, ...] = ()
     if layout is None and path.suffix != ".mcap":
-        columns, unused = split_motions(table)
+        columns, unused = split_motions(table, str(path))
         table = table.only(columns)
     rate = table.sampling_rate if sampling_rate is None else sampling_rate
     if table.sampling_rate is None and table.times is not None:  # they stand still
