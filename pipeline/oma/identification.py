@@ -22,7 +22,7 @@ from pipeline.oma.data_quality.input_checks import (
     mended,
 )
 from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
-from pipeline.oma.references import references_among
+from pipeline.oma.references import references_among, with_bounded_references
 from pipeline.oma.refused import between, harmonic, unstable, unsteady
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
@@ -49,6 +49,9 @@ WELL_KNOWN_SHARE = 0.4  # of the half bandwidth: what f and ζ of a mode are kno
 SURE_SHARE = 0.25  # of the half bandwidth: what f and ζ of a mode are known to, whose shape is only
 # vague; of 48 `structures` (seeds 74001 to 74048) no pole of noise was known better than to .5
 MODERATE_SHARE = 0.75  # of the half bandwidth: what f and ζ are known to, where the shape is [-]
+
+MOST_FITTED_CHANNELS = 50  # the noise of n channels has n (n + 1) / 2 parameters in a fit; of a
+# hundred, its curvature alone takes gigabytes and minutes, and the poles stand as they are
 
 TWINS_PLACE = 0.01  # twins this near to a mode that was found are reported by it, relative
 
@@ -99,7 +102,7 @@ def identify(
     """
     settings = settings or OmaSettings()
     names = channel_names or default_names(samples.shape[1])
-    references = references_among(names, settings)
+    references_among(names, settings)  # raises
     gridded = None if times is None else on_even_grid(samples, times, sampling_rate)
     if gridded is not None:
         if rotor_speed is not None and times is not None:
@@ -112,6 +115,8 @@ def identify(
     if times is not None and any(f.code in ("uneven-clock", "sampling-rate") for f in findings):
         clean = evenly_sampled(clean, times)
         sampling_rate = (len(times) - 1) / float(times[-1] - times[0])
+    settings = with_bounded_references(clean, names, settings)
+    references = references_among(names, settings)
     bands = plan_bands(
         n_samples=len(samples),
         n_channels=samples.shape[1],
@@ -180,22 +185,12 @@ def concluded(
     warnings = [finding.warning for finding in findings]
     warnings += [_steady_amplitude(mode) for mode in judged.harmonics]
     warnings += [] if coupled is None else [_of_a_machine(coupled)]
-    spectrum = WindowSpectrum(steady, sampling_rate, integrations)
-    by_evidence = resolved_by_evidence(
-        judged.modes,
-        judged.refused,
-        _twins_beside(by_band, [*judged.modes, *judged.harmonics]),
-        spectrum,
-        settings,
-        harmonics=judged.harmonics,
-    )
-    by_evidence = with_lone_modes(by_evidence, judged.vague_shapes, spectrum)
-    stationary = all(finding.code != "non-stationary" for finding in findings)
-    by_lines = (
-        sharpened(by_evidence.modes, by_evidence.refused, judged.doubtful, spectrum, settings)
-        if stationary
-        else Sharpened(by_evidence.modes, by_evidence.refused)
-    )
+    by_lines = Sharpened(tuple(judged.modes), tuple(judged.refused))
+    if steady.shape[1] <= MOST_FITTED_CHANNELS:
+        spectrum = WindowSpectrum(steady, sampling_rate, integrations)
+        twins = _twins_beside(by_band, [*judged.modes, *judged.harmonics])
+        stationary = all(finding.code != "non-stationary" for finding in findings)
+        by_lines = _fitted(judged, twins, spectrum, settings, stationary=stationary)
     alike = _twins_beside(by_band, [*by_lines.modes, *judged.harmonics])
     warnings += [_coincident(each) for each in alike]
     pairs = twin_pairs(alike, steady, sampling_rate, integrations)
@@ -208,6 +203,24 @@ def concluded(
         diagrams=tuple(band.poles for band in by_band),
         refused=tuple(sorted(reasons, key=lambda each: each.frequency)),
     )
+
+
+def _fitted(
+    judged: "_Judged",
+    twins: Sequence[CoincidentModes],
+    spectrum: WindowSpectrum,
+    settings: OmaSettings,
+    *,
+    stationary: bool,
+) -> Sharpened:
+    """The modes after fits to the spectrum's lines, where those know more than the poles."""
+    resolved = resolved_by_evidence(
+        judged.modes, judged.refused, twins, spectrum, settings, harmonics=judged.harmonics
+    )
+    resolved = with_lone_modes(resolved, judged.vague_shapes, spectrum)
+    if not stationary:
+        return Sharpened(resolved.modes, resolved.refused)
+    return sharpened(resolved.modes, resolved.refused, judged.doubtful, spectrum, settings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

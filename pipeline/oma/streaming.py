@@ -32,7 +32,11 @@ from pipeline.oma.identification import (
     identify,
     rejection_in,
 )
-from pipeline.oma.references import references_among, settings_for_channels
+from pipeline.oma.references import (
+    references_among,
+    settings_for_channels,
+    takes_some,
+)
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import block_length, modes_of_covariances
 from pipeline.oma.ssi.bands import Band, plan_bands
@@ -149,6 +153,7 @@ class StreamingIdentifier:
         )
         whole = abs(settings.hop * sampling_rate - self._hop) < 1e-6
         shared = whole and all(self._hop % self._block(band) == 0 for band in bands)
+        shared = shared and not takes_some(n_channels, settings)  # a window's own are taken
         self._rings = [self._ring(band) for band in bands] if shared else []
         self._piece = largest_piece(
             math.gcd(self._window, self._hop), FILTERED_AT_ONCE * sampling_rate

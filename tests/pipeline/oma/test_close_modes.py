@@ -93,13 +93,3 @@ def test_lost_blocks_cost_no_window() -> None:
     found = lost_figures(range(60_001, 60_004), "blocks")
     assert found["windows_lost"] == 0
     assert found["shift_rms_std"] < 0.6
-
-
-def test_what_was_refused_says_why() -> None:
-    generator = np.random.default_rng(4)
-    found = [
-        each
-        for seed in range(60_001, 60_005)
-        for each in identify(triplet(seed).samples[: generator.integers(2000, 4000)], 10.0).refused
-    ]
-    assert all(each.code and each.text for each in found)

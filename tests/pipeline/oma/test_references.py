@@ -1,6 +1,7 @@
 """Lag covariances with a few channels find the modes that those with all channels find."""
 
 import logging
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -9,11 +10,17 @@ import pytest
 from pipeline.app import Outputs, build
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
-from pipeline.oma.references import references_among, settings_for_channels
+from pipeline.oma.references import (
+    references_among,
+    settings_for_channels,
+    with_bounded_references,
+)
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
 from pipeline.oma.ssi.covariance import ALL
+from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.scenario import ScenarioError, scenario_from_text
-from tests.pipeline.oma.conftest import KnownStructure
+from sensors.arrays import FloatArray
+from tests.pipeline.oma.conftest import KnownStructure, structure
 
 RATE = 40.0  # [Hz]
 NAMES = ("foot", "lower", "middle", "upper", "top")
@@ -116,3 +123,66 @@ def test_pyoma_finds_the_same_modes_with_the_same_references(cantilever: KnownSt
         assert abs(poles.Fn_poles[theirs, -1] - mode.frequency) < 3 * mode.frequency_std
         shape = np.real(poles.Phi_poles[theirs, -1])
         assert modal_assurance_criterion(mode.shape[None], shape[None])[0, 0] > 0.98
+
+
+def many_channels(n_channels: int, n_dead: int = 0) -> tuple[KnownStructure, FloatArray]:
+    """Six modes at many places, four of which feel nothing but their own noise."""
+    generator = np.random.default_rng(12)
+    shapes = generator.standard_normal((6, n_channels))
+    known = structure([0.9, 1.7, 2.6, 3.8, 5.1, 6.9], 0.01, shapes)
+    samples = known.ambient_response(sampling_rate=20.0, duration=400.0, seed=5)
+    samples[:, 4:8] = generator.standard_normal((len(samples), 4))
+    samples[:, :n_dead] = 0.0
+    return known, samples
+
+
+def test_of_many_channels_those_are_references_that_explain_the_others() -> None:
+    _, samples = many_channels(100, n_dead=2)
+    names = tuple(f"c{number}" for number in range(100))
+    chosen = with_bounded_references(samples, names, OmaSettings()).reference_channels
+    assert chosen is not None
+    assert len(chosen) == 10
+    assert not {"c0", "c1"} & set(chosen)  # dead ones
+    six = with_bounded_references(samples[:, :40], names[:40], OmaSettings()).reference_channels
+    assert six is not None
+    assert len(six) == 25
+    first_six = samples[:, [names.index(name) for name in chosen]]
+    assert np.linalg.matrix_rank(np.corrcoef(first_six.T), tol=0.1) >= 6
+
+
+def test_noise_alone_is_no_reference_while_modes_are_left() -> None:
+    _, samples = many_channels(200)  # five references at most
+    names = tuple(f"c{number}" for number in range(200))
+    chosen = with_bounded_references(samples, names, OmaSettings()).reference_channels
+    assert chosen is not None
+    assert len(chosen) == 5
+    assert not {f"c{number}" for number in range(4, 8)} & set(chosen)
+
+
+def test_channels_that_are_few_or_named_stay_as_they_are() -> None:
+    _, samples = many_channels(40)
+    names = tuple(f"c{number}" for number in range(40))
+    named = OmaSettings(reference_channels=("c3", "c9"))
+    assert with_bounded_references(samples, names, named) is named
+    few = OmaSettings()
+    assert with_bounded_references(samples[:, :32], names[:32], few) is few
+
+
+def test_a_hundred_channels_show_the_modes_that_they_have_and_keep_little() -> None:
+    known, samples = many_channels(100)
+    stream = StreamingIdentifier(20.0, 100, OmaSettings(window_duration=400.0, hop=400.0))
+    tracemalloc.start()
+    for piece in np.split(samples, 400):
+        stream.push(piece)
+    held = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert held < 20e6  # not the products of 100 × 100 channels
+    modes = stream.identify(0, samples).modes
+    felt, found = [*range(4), *range(8, 100)], 0
+    for frequency, shape in zip(known.frequencies, known.shapes, strict=True):
+        mode = min(modes, key=lambda m: abs(m.frequency - frequency))
+        if abs(mode.frequency - frequency) < max(4 * mode.frequency_std, 0.002 * frequency):
+            mac = modal_assurance_criterion(mode.shape[None, felt], shape[None, felt])[0, 0]
+            found += bool(mac > 0.95)
+    assert found >= 5
+    assert len(modes) <= 6

@@ -1,7 +1,10 @@
 """What looked like a mode and is not reported: every column of the diagram has a name."""
 
 import numpy as np
+import pytest
 
+from pipeline.messages import RefusedMode
+from pipeline.oma import refused
 from pipeline.oma.identification import identify
 from tests.benchmarks.close_modes import pair
 
@@ -19,12 +22,27 @@ def test_columns_of_poles_are_modes_or_refused_with_a_reason() -> None:
 
 
 def test_each_refusal_has_a_code_and_a_sentence_with_a_figure() -> None:
-    refused = [
+    found = [
         each
         for seed in range(60_001, 60_006)
         for each in identify(pair(seed, 0.005).samples[:4000], 20.0).refused
     ]
-    assert refused
-    for each in refused:
+    assert found
+    for each in found:
         assert each.code.isidentifier()
         assert each.code == "harmonic" or any(letter.isdigit() for letter in each.text)
+
+
+def test_a_column_that_two_bands_see_is_named_once_by_the_band_with_more_of_its_orders(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    columns = {
+        "slow": [(0.5, RefusedMode(1.001, 0.01, "unstable", "slow"))],
+        "fast": [
+            (0.2, RefusedMode(1.0, 0.01, "unstable", "fast")),
+            (0.3, RefusedMode(3.0, 0.01, "unstable", "fast")),
+        ],
+    }
+    monkeypatch.setattr(refused, "_columns", lambda band, _: columns[band])
+    found = refused.unstable(["fast", "slow"], (), ())
+    assert [(each.frequency, each.text) for each in found] == [(1.001, "slow"), (3.0, "fast")]

@@ -8,14 +8,15 @@ from itertools import count
 import numpy as np
 import pytest
 
-from pipeline.messages import Message, NodeStatus, StreamEnd
+from pipeline.messages import Message, MessageCount, NodeStatus, StreamEnd
 from pipeline.nodes.node import Node, NodeStatistics
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.node_thread import DRAINED_WITHIN, STOPPED_WITHIN, NodeThread, serve
 from pipeline.runtime.runner import run_lock_step, run_workers
-from pipeline.runtime.source_feed import with_end
+from pipeline.runtime.source_feed import _heard_blocks, with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block as acceleration_block
+from tests.pipeline.example_messages import status as example_status
 from tests.pipeline.transport.memory_bus import MemoryBus
 
 
@@ -264,3 +265,21 @@ def test_a_node_that_never_answers_does_not_keep_the_run_from_ending() -> None:
     assert thread.is_alive()
     stuck.set()
     thread.join()
+
+
+@pytest.mark.parametrize(
+    ("received", "lost", "heard"),
+    [
+        ((), 0, False),
+        ((MessageCount("SensorLayout", 3),), 0, False),
+        ((MessageCount("AccelerationBlock", 0),), 0, False),
+        ((MessageCount("AccelerationBlock", 1),), 0, True),
+        ((), 1, True),
+    ],
+)
+def test_a_layout_is_no_first_block(
+    received: tuple[MessageCount, ...], lost: int, heard: bool
+) -> None:
+    status = replace(example_status("recorder"), received=received, lost=lost)
+    assert _heard_blocks(status) is heard
+    assert not _heard_blocks(None)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.messages import Message
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import whole_recording
@@ -12,6 +13,7 @@ from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
 from pipeline.scenario import load_scenario, scenario_from_metadata, scenario_metadata
 from pipeline.sources.feed_publisher import feed_source
+from pipeline.sources.recorded_source import source_of
 from pipeline.sources.sources import (
     SourceError,
     open_source,
@@ -21,6 +23,7 @@ from pipeline.sources.sources import (
 )
 from sensors.errors import InputError
 from sensors.structure.description import load_turbine, shipped_text
+from tests.pipeline.example_messages import LAYOUT, block
 
 OWN = """
 [turbine]
@@ -106,3 +109,14 @@ def test_a_recording_without_a_scenario_has_no_structure(
     assert "no structure is given" in caplog.text
     with pytest.raises(InputError, match="has no structural model"):
         _ = source.scenario.structure
+
+
+@pytest.mark.parametrize("kept", [(LAYOUT,), (block(0), block(1))])
+def test_layouts_without_blocks_and_blocks_without_layouts_are_no_source(
+    tmp_path: Path, kept: tuple[Message, ...]
+) -> None:
+    with whole_recording(tmp_path / "half.mcap", metadata={}) as recorder:
+        for message in kept:
+            recorder.handle(message)
+    with pytest.raises(SourceError, match="no acceleration blocks with their layout"):
+        source_of(tmp_path, [recording_info(tmp_path / "half.mcap")])

@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.messages import Mode, RefusedMode
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.whittle import neighbours
 from pipeline.oma.whittle.lone_modes import sharpened, with_neighbours
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import around_mode, first_mode, left_near_first
@@ -97,3 +98,16 @@ def test_a_refused_mode_that_its_neighbours_leave_unexplained_is_reported() -> N
     result = sharpened([pole(0), *known], [reason], [(elsewhere, reason)], window(4), OmaSettings())
     assert len(result.modes) == 3
     assert result.refused == (reason,)
+
+
+def test_a_mode_that_neighbours_leave_no_lines_below_is_not_fitted() -> None:
+    """As many as are fitted together lie above it; one more, just below, ends its band there."""
+    spectrum, mode = window(2), pole(0)
+    width = mode.damping_ratio * mode.frequency
+    above = [
+        replace(mode, frequency=mode.frequency + (0.2 + 0.1 * k) * width)
+        for k in range(neighbours.MOST_TOGETHER - 1)
+    ]
+    below = replace(mode, frequency=mode.frequency - 2 * width)
+    assert around_mode(mode, above, spectrum) is not None
+    assert around_mode(mode, [*above, below], spectrum) is None

@@ -122,3 +122,15 @@ def test_reported_levels_leave_everything_as_it_is():
     state, _ = watched(5, seed=62)
     known = replace(KNOWN, level_std=0.0)
     assert apart_from_water(known, state.sums) is known
+
+
+def test_modes_that_scatter_more_than_they_state_move_the_level_less():
+    state, _ = watched(12, seed=33)
+    last = state.last_level
+    window = unreported(12, np.random.default_rng(8))
+    moved = []
+    for factor in (1.0, 9.0):
+        scatter = np.array([[factor * 1e4], [1e4]]) * np.ones((2, len(state.sums.tracks)))
+        scattered = replace(state, sums=replace(state.sums, scatter=scatter))
+        moved.append(abs(level_of(window, scattered) - last.level))
+    assert moved[1] < 0.99 * moved[0]

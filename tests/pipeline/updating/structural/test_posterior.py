@@ -6,10 +6,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from pipeline.updating.likelihood.mode_errors import ModeErrors
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.likelihood.mode_errors import ModeErrors, _measured
 from pipeline.updating.structural.joint_fit import JointPeak
 from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
 from pipeline.updating.structural.prior import JointCoordinates
+from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 
 POSTERIOR = JointPosterior(
     sigma=np.array([0.0, 0.01, 0.02]),
@@ -86,3 +88,10 @@ def test_few_gross_errors_are_no_discrepancy_of_the_model() -> None:
     alone = sigma_of(errors)
     errors[:2] += 20 * STD
     assert sigma_of(errors).weights @ alone.sigma < STD / 2
+
+
+def test_the_variance_of_a_frequencys_logarithm_is_its_relative_one() -> None:
+    estimate = drawn_estimate(np.ones(3), np.random.default_rng(3), tower=LinearTower())
+    evidence = ModalEvidence(channels=LAYOUT.channel_names).with_estimate(estimate)
+    expected = [mode.frequency_std / mode.frequency for mode in estimate.modes]
+    assert np.sqrt(_measured(evidence).log_variances) == pytest.approx(expected, rel=1e-6)

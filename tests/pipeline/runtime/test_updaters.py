@@ -1,0 +1,29 @@
+"""What the updating of a run is made of."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from pipeline.runtime import updaters
+from pipeline.runtime.updaters import Turbines
+from pipeline.scenario import load_scenario
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_earlier_recordings_are_read_where_snapshots_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: bool
+) -> None:
+    """Estimates that no snapshot has answered may stand in them; without snapshots, none can."""
+    made: list[object] = []
+    monkeypatch.setattr(updaters, "latest_estimates", lambda files, _: tuple(files))
+    monkeypatch.setattr(Turbines, "_updating_of", lambda *_: None)
+    monkeypatch.setattr(
+        updaters,
+        "UpdatingNode",
+        lambda *_, past, **__: made.append(past) or SimpleNamespace(begin=lambda _: None),
+    )
+    scenario, earlier = load_scenario("parked"), (tmp_path / "a.mcap",)
+    folder = tmp_path / "kept" if kept else None
+    Turbines(scenario, scenario.layout, {}, folder, earlier=earlier).updating()
+    assert made == [earlier if kept else ()]
