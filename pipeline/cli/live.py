@@ -54,8 +54,8 @@ def feed(
     address: Annotated[
         str,
         typer.Argument(
-            help="Its address, e.g. mqtt://HOST/TOPIC, udp://:PORT or scada+csv:FILE; see README, "
-            "Live instruments."
+            help="Its address, e.g. mqtt://HOST/TOPIC, opcua://HOST, udp://:PORT or "
+            "scada+csv:FILE; see Live instruments."
         ),
     ],
     layout: Annotated[
@@ -92,7 +92,7 @@ def feed(
     zenoh_config: ZenohConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Publish a live instrument (MQTT, SeedLink, UDP, SCADA) until it is stopped."""
+    """Publish a live instrument (MQTT, SeedLink, OPC UA, UDP, SCADA) until it is stopped."""
     from pipeline.sources.feed_publisher import channels_of, publish_feed
     from sensors.feeds.assembly.channel_map import sensor_layout
     from sensors.feeds.open_feed import open_feed

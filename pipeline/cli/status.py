@@ -80,7 +80,8 @@ def metrics(
         open_session(lambda: ZenohBus(settings)) as bus,
     ):
         stderr.print(f"Metrics at http://{address}:{served_port}/metrics; Ctrl-C ends it.")
-        listened(metrics_node, bus, stopping)
+        named = ", ".join(where) or f"the sessions of {zenoh_config}"
+        listened(metrics_node, bus, stopping, where=named)
 
 
 def ack(

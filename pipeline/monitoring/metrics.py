@@ -6,6 +6,7 @@ The names of the figures are an interface: they stay. Counters count since this 
 listen. Figures that are not known yet are not there, rather than zero.
 """
 
+import logging
 import math
 import threading
 import time
@@ -23,6 +24,8 @@ from sensors.errors import InputError
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
+
+logger = logging.getLogger(__name__)
 
 LAST_PORT = 65_535
 QUANTILE_LEVELS = (
@@ -208,15 +211,33 @@ def _filled(family: Any, values: Iterable[Sample]) -> "Metric":
     return family
 
 
-def listened(node: MetricsNode, bus: Bus, stopping: threading.Event) -> None:
-    """Give the node every message until `stopping` is set. Nothing is published: who may only read
-    may do this."""
+def listened(
+    node: MetricsNode, bus: Bus, stopping: threading.Event, *, where: str, patience: float = 10.0
+) -> None:
+    """Give the node every message until `stopping` is set; log if none comes in time.
+
+    Nothing is published: who may only read may do this.
+
+    Parameters
+    ----------
+    where : str
+        Where a session should be, for the log.
+    patience : float
+        With a session that sends nothing [s].
+    """
     inbox = Inbox()
     subscription = bus.subscribe(node.inputs, inbox)
+    deadline = time.monotonic() + patience
     while not stopping.is_set():
         message = inbox.get(timeout=0.2)
         if message is not None:
             node.handle(message)
+            deadline = math.inf
+        elif time.monotonic() > deadline:
+            deadline = math.inf
+            logger.warning(
+                "no message in %g s from %s: does a session run there? Waiting.", patience, where
+            )
     subscription.close()
 
 

@@ -121,7 +121,7 @@ def start_project(
     described = structure_text(structure, subdyn, springs, mudline)
     turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
     table = channels_in(files[0], None, dated(EVERYTHING, dates))
-    columns, left_out = choose_channels(table)
+    columns, left_out = choose_channels(table, str(files[0]))
     channels = guess_channels(table.only(columns).names)
     unknown = [each.name for each in channels if not (each.height_known and each.direction_known)]
     if unknown and structure != NO_STRUCTURE:
@@ -163,12 +163,14 @@ def start_project(
     )
 
 
-def choose_channels(table: ChannelTable) -> tuple[list[int], tuple[UnusedChannel, ...]]:
+def choose_channels(
+    table: ChannelTable, origin: str
+) -> tuple[list[int], tuple[UnusedChannel, ...]]:
     """Return the columns of a measurement's motions, all of one quantity, and what is left out.
 
     Accelerations where there are some, else what most channels measure.
     """
-    columns, left_out = split_motions(table)
+    columns, left_out = split_motions(table, origin)
     quantities = [table.only([column]).quantities for column in columns]
     counts = Counter(each[0] for each in quantities if each)
     if not counts:

@@ -2,8 +2,10 @@
 
     mqtt://[USER@]HOST[:1883]/TOPIC[?OPTIONS]     mqtts:// with TLS, port 8883
     seedlink://HOST[:18000]/NET.STA[,NET.STA…]    seedlinks:// with TLS, port 18500
+    opcua://[USER@]HOST[:4840][/PATH][?OPTIONS]   the variables of an OPC UA server
     udp://[HOST]:PORT
     scada+mqtt://HOST/TOPIC                       what the controller reports, as JSON
+    scada+opcua://HOST?wind_speed=NODE            …, as variables of its OPC UA server
     scada+csv:FILE                                …, or as a CSV file that grows
 
 A topic may have + and #. OPTIONS are key=value, joined by &. Secrets are never part of the URL:
@@ -23,15 +25,18 @@ from sensors.feeds.protocol import FeedError
 
 _COMMON = ("rate", "wait")
 _SECURITY = ("ca", "cert", "key", "password-file")
+_OPCUA = ("interval", "security", "policy", "cert", "key", "server", "password-file")
 _SCADA = ("time", "state", "wind_speed", "rotor_speed", "pitch", "yaw", "power", "water_level")
 OPTIONS = {  # by scheme
     "mqtt": (*_COMMON, *_SECURITY, "qos", "mqtt", "format", "client", "key-file", "mapping"),
     "seedlink": (*_COMMON, "ca"),
     "udp": (*_COMMON, "key-file"),
+    "opcua": (*_COMMON, *_OPCUA, "nodes", "stamp"),
+    "scada+opcua": (*_OPCUA, *_SCADA[1:]),
     "scada+mqtt": (*_SECURITY, "qos", "mqtt", "client", *_SCADA),
     "scada+csv": ("from", *_SCADA),
 }
-PORTS = {"mqtt": 1883, "mqtts": 8883, "seedlink": 18000, "seedlinks": 18500}
+PORTS = {"mqtt": 1883, "mqtts": 8883, "seedlink": 18000, "seedlinks": 18500, "opcua": 4840}
 
 _PARTS = re.compile(r"(?P<host>\[[^\]]*\]|[^:/]*)(:(?P<port>[^/]*))?(/(?P<path>.*))?")
 
@@ -41,7 +46,7 @@ class FeedAddress:
     """A feed's URL, taken apart."""
 
     text: str  # as it was given
-    scheme: str  # "mqtt", "seedlink", "udp", "scada+mqtt" or "scada+csv"
+    scheme: str  # "mqtt", "seedlink", "opcua", "udp", "scada+mqtt", …
     host: str = ""
     port: int = 0
     path: str = ""  # topic, stations or file
@@ -103,8 +108,8 @@ def parsed(text: str) -> FeedAddress:
     kind, tls = _without_tls(scheme)
     if kind not in OPTIONS or not colon:
         raise FeedError(
-            f"{text!r} is no feed; one begins with mqtt://, mqtts://, seedlink://, udp://, "
-            "scada+mqtt:// or scada+csv:"
+            f"{text!r} is no feed; one begins with mqtt://, mqtts://, seedlink://, opcua://, "
+            "udp://, scada+mqtt://, scada+opcua:// or scada+csv:"
         )
     rest, _, query = rest.partition("?")
     options = _options(text, kind, query)
@@ -131,7 +136,9 @@ def parsed(text: str) -> FeedAddress:
 
 
 def _without_tls(scheme: str) -> tuple[str, bool]:
-    """The scheme without its last s, and whether that s means TLS."""
+    """The scheme without its last s, and whether that s means TLS; OPC UA's own as ours."""
+    if scheme == "opc.tcp":
+        return "opcua", False
     tls = scheme.endswith(("mqtts", "seedlinks"))
     return (scheme[:-1] if tls else scheme), tls
 
@@ -163,6 +170,6 @@ def _check(text: str, kind: str, host: str, path: str) -> None:
         return
     if not host:
         raise FeedError(f"{text}: which machine? {kind}://HOST/…")
-    if not path:
+    if not path and not kind.endswith("opcua"):
         what = "stations, e.g. /XX.TOWER" if kind == "seedlink" else "topic, e.g. /tower/#"
         raise FeedError(f"{text}: which {what}?")

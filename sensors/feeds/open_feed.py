@@ -12,6 +12,9 @@ from sensors.feeds.assembly.assembler import WAIT, Assembler
 from sensors.feeds.csv_tail import CsvTailFeed
 from sensors.feeds.live import LiveFeed, batches
 from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
+from sensors.feeds.opcua.opcua_feed import OpcUaFeed
+from sensors.feeds.opcua.scada_values import ScadaValueReader
+from sensors.feeds.opcua.values import ValueReader
 from sensors.feeds.payloads.scada import ScadaReader
 from sensors.feeds.position import FeedPosition, position_file
 from sensors.feeds.protocol import Arrival, Feed, FeedCounts, FeedError
@@ -69,6 +72,18 @@ def _feed(address: FeedAddress, layout: LayoutFile, *, once: bool, position: Fee
             counts = FeedCounts()
             reader = ScadaMessages(ScadaReader(address, layout.turbine), counts)
             return MqttFeed(address, reader, counts, once=once)
+        case "opcua":
+            counts = FeedCounts()
+            stamp = address.one_of("stamp", ("first", "last"))
+            values = ValueReader(counts, address.number("rate"), stamp)
+            return OpcUaFeed(address, names, values, counts, once=once, position=position)
+        case "scada+opcua":
+            counts = FeedCounts()
+            controller = ScadaReader(address, layout.turbine)
+            if not controller.declared:
+                raise FeedError(f"{address.text}: which variables? e.g. ?wind_speed=ns=2;s=Wind")
+            figures = ScadaValueReader(controller, counts)
+            return OpcUaFeed(address, controller.declared, figures, counts, once=once)
         case "seedlink":
             return SeedLinkFeed(address, once=once, position=position)
         case _:

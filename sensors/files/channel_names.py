@@ -8,15 +8,15 @@ numbers that count 1, 2, 3 are no heights.
 """
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.arrays import FloatArray
-from sensors.files.table import ChannelTable, quantity_named, quantity_of
+from sensors.files.table import ChannelTable, FileError, quantity_named, quantity_of
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
 AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
@@ -26,6 +26,7 @@ AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
 }
 LOWEST, HIGHEST = 2.0, 300.0  # heights that a bare number in a name may stand for [m]
 MILLIMETRES = 1000.0  # a height above it is no metres
+PAIR = 2  # channels at one height that are taken to be at right angles
 TRIAXIAL = 3  # channels; of more, a number in every name is no height
 
 _LETTERS = re.compile(r"[A-Za-z]+")
@@ -38,16 +39,23 @@ _SEED = re.compile(r"\.[A-Z]{2}([NEZ])$")  # last letter of a SEED channel code:
 _OPENFAST = re.compile(r"(?:TwHt\dAL|YawBrTA|NcIMUTA)([xyz])[tps]$")  # accelerations of the tower
 _TRAILING = re.compile(r"(?:\d|\b[Aa][Cc]?[Cc]?)([XYZxyz])(?![A-Za-z])")
 
+# The same in German, Dutch, Danish, Norwegian, Swedish, French and Spanish.
+WIND_SPEED = (
+    *("windgeschwindigkeit", "windsnelheid", "vindhastighed", "vindhastighet", "vind"),
+    *("vent", "viento"),
+)
+ROTOR_SPEED = ("drehzahl", "toerental", "omdrejninger", "omdrejningstal", "turtall", "varvtal")
+POWER = ("leistung", "vermogen", "effekt", "puissance", "potencia")
+WATER_LEVEL = ("wasserstand", "pegel", "waterstand", "vandstand", "vannstand", "vattenstånd")
+
 # Words of a name, in lower case, that stand for what is no motion of the structure.
 CONDITIONS = {
+    **dict.fromkeys(("wind", "windspeed", "wspd", "ws", "anemometer", *WIND_SPEED), "the wind"),
     **dict.fromkeys(
-        ("wind", "windspeed", "wspd", "ws", "anemometer", "windgeschwindigkeit"), "the wind"
-    ),
-    **dict.fromkeys(
-        ("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm", "drehzahl"), "the rotor"
+        ("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm", *ROTOR_SPEED), "the rotor"
     ),
     **dict.fromkeys(("pitch", "bldpitch", "azimuth", "yaw", "nacyaw"), "an angle of the turbine"),
-    **dict.fromkeys(("power", "pwr", "genpwr", "torque", "leistung"), "power"),
+    **dict.fromkeys(("power", "pwr", "genpwr", "torque", *POWER), "power"),
     **dict.fromkeys(
         ("temp", "temperature", "ptemp", "tamb", "humidity", "temperatur"), "the weather"
     ),
@@ -57,11 +65,12 @@ CONDITIONS = {
         "the logger's supply",
     ),
     **dict.fromkeys(
-        ("wave", "tide", "waterlevel", "sealevel", "water", "sea", "wasserstand", "pegel"),
+        ("wave", "tide", "waterlevel", "sealevel", "water", "sea", *WATER_LEVEL),
         "the sea",
     ),
     **dict.fromkeys(("status", "state", "flag", "counter", "record", "valid"), "a state"),
 }
+_UNSURE = {"the logger's supply", "a state", "constant"}  # may be a motion all the same
 # Units of such quantities; patterns over the unit in lower case without blanks.
 _OTHER_UNIT = re.compile(
     r"[kmg]?w|rpm|1/min|[kmg]?n|[kmg]?n[-*·]?m|[kmgh]?pa|m?bar|hz|%|(?:deg|°)[\s_]*[cf]|degc|k|"
@@ -105,12 +114,24 @@ def guess_channels(names: Sequence[str]) -> tuple[GuessedChannel, ...]:
     unsure = sorted({height for height, _, sure in heights if height is not None and not sure})
     steps = {high - low for low, high in pairwise(unsure)}
     counted = steps == {1.0}  # 1, 2, 3: the sensors' numbers
-    return tuple(
+    return _pairs_apart(
         _guess(name, place, None if counted and not sure else height, seen)
         for place, (name, (height, seen, sure)) in enumerate(
             zip(names, heights, strict=True), start=1
         )
     )
+
+
+def _pairs_apart(channels: Iterable[GuessedChannel]) -> tuple[GuessedChannel, ...]:
+    """Of two channels of one height without axes, the second is the one across."""
+    guessed = list(channels)
+    for height in {each.elevation for each in guessed if each.height_known}:
+        level = [i for i, each in enumerate(guessed) if each.elevation == height]
+        if len(level) == PAIR and not any(guessed[place].direction_known for place in level):
+            second = guessed[level[1]]
+            reason = f"{second.reason}: taken across the other one at its height"
+            guessed[level[1]] = replace(second, direction=SIDE_SIDE, reason=reason)
+    return tuple(guessed)
 
 
 def _guess(name: str, place: int, height: float | None, seen_height: str) -> GuessedChannel:
@@ -211,7 +232,9 @@ class UnusedChannel:
         return f"{self.name} ({self.reason})"
 
 
-def split_motions(table: ChannelTable) -> tuple[list[int], tuple[UnusedChannel, ...]]:
+def split_motions(
+    table: ChannelTable, origin: str = "the measurement"
+) -> tuple[list[int], tuple[UnusedChannel, ...]]:
     """Return the columns that may be motions of the structure, and the channels that are none.
 
     Beside accelerometers, files of controllers and loggers have wind, power and supplies, whose
@@ -221,12 +244,19 @@ def split_motions(table: ChannelTable) -> tuple[list[int], tuple[UnusedChannel, 
     ----------
     table : ChannelTable
         Names and units; with samples, a column that is constant is left out too.
+    origin : str
+        What to call it in an error.
 
     Returns
     -------
     columns : list of int
-        All of them where none would remain.
+        All of them where none would remain and some may be (volts of an accelerometer).
     left_out : tuple of UnusedChannel
+
+    Raises
+    ------
+    FileError
+        If every channel is a condition: wind, power, weather, an angle, the sea.
     """
     reasons = [other_quantity(*each) for each in zip(table.names, table.units, strict=True)]
     if len(table.samples):
@@ -235,6 +265,12 @@ def split_motions(table: ChannelTable) -> tuple[list[int], tuple[UnusedChannel, 
             for reason, series in zip(reasons, table.samples.T, strict=True)
         ]
     columns = [column for column, reason in enumerate(reasons) if not reason]
+    if not columns and not _UNSURE & set(reasons):
+        listed = ", ".join(map(str, map(UnusedChannel, table.names, reasons)))
+        raise FileError(
+            f"{origin}: no channel measures a motion of the structure: {listed}; a layout file "
+            "takes what it lists, whatever its name (`pilewatch import FILE --layout LAYOUT`)"
+        )
     if not columns:
         return list(range(len(table.names))), ()
     return columns, tuple(

@@ -13,20 +13,37 @@ import numpy as np
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 from sensors.files.block_builder import MeasurementFile
-from sensors.files.channel_names import words_of
+from sensors.files.channel_names import (
+    POWER,
+    ROTOR_SPEED,
+    WATER_LEVEL,
+    WIND_SPEED,
+    words_of,
+)
 
 SCADA_PERIOD = 10 * NANOSECONDS  # that one SCADA sample is the mean of [ns]
 TURNING = 2.0  # a rotor that is faster is no parked or idling one [rpm]
 IDLING = 0.1  # a rotor that is slower stands [rpm]
 
+
+def _either(*words: str) -> str:
+    return "|".join(words)
+
+
 # Field of a ScadaSample: a word of the name, and what a value of each unit is in the field's unit.
 _FIELDS: dict[str, tuple[str, dict[str, float]]] = {
-    "wind_speed": ("wind|windspeed|wspd|ws|windgeschwindigkeit", {"m/s": 1.0}),
-    "rotor_speed": ("rotspeed|rotorspeed|rotor|rpm|drehzahl", {"rpm": 1.0, "1/min": 1.0, "": 1.0}),
+    "wind_speed": (_either("wind", "windspeed", "wspd", "ws", *WIND_SPEED), {"m/s": 1.0}),
+    "rotor_speed": (
+        _either("rotspeed", "rotorspeed", "rotor", "rpm", *ROTOR_SPEED),
+        {"rpm": 1.0, "1/min": 1.0, "": 1.0},
+    ),
     "pitch": ("pitch|bldpitch", {"deg": 1.0, "°": 1.0, "": 1.0}),
     "yaw": ("yaw|nacyaw|yawpos", {"deg": 1.0, "°": 1.0}),
-    "power": ("power|pwr|genpwr|leistung", {"w": 1.0, "kw": 1e3, "mw": 1e6}),
-    "water_level": ("waterlevel|sealevel|waveelev|tide|level|wasserstand|pegel", {"m": 1.0}),
+    "power": (_either("power", "pwr", "genpwr", *POWER), {"w": 1.0, "kw": 1e3, "mw": 1e6}),
+    "water_level": (
+        _either("waterlevel", "sealevel", "waveelev", "tide", "level", *WATER_LEVEL),
+        {"m": 1.0},
+    ),
 }
 _NOT_A_LEVEL = {"std", "min", "max", "dir", "direction", "err", "error", "rate", "temp", "y", "z"}
 

@@ -20,6 +20,7 @@ FEW_IN_MAC = 14  # labels of the usual size do not overlap
 MOST_IN_MAC = 24  # of the AutoMAC, so that its labels can be read
 LASTING_SHARE = 0.25  # of the windows that see a mode that is marked [-]
 LOWEST_SHARE = 0.6  # of the lowest mode's frequency: where the axis of frequencies begins [-]
+SHORT_NAME, LONG_NAME = 14, 26  # of a channel in a legend [characters]
 DECADES_SHOWN = 6.0  # of spectral density below the highest
 WITHIN = 1.6449  # misfit within which 90 % of true modes lie [standard deviations]
 
@@ -87,13 +88,28 @@ def spectra(record: TurbineRecord) -> str:
             axes.set_ylim(top * 10**-DECADES_SHOWN, 3 * top)
             axes.set_ylabel(f"{name}\n[{_unit(record)}]")
             mark_modes(axes, modes, written=axes is panels[0])
-            axes.legend(
-                loc="lower left", ncols=2, frameon=True, framealpha=0.8, edgecolor="none",
-                facecolor=PAPER, borderpad=0.2,
-            )  # fmt: skip
+            _name_curves(axes)
         frequency_axis(panels[-1])
         _begin_at_lowest(panels[-1], modes)
         return page.svg()
+
+
+def _name_curves(axes: Any) -> None:
+    """The legend of an axes' channels, within the axes however long their names are."""
+    handles, labels = axes.get_legend_handles_labels()
+    short = [shortened(label) for label in labels]
+    n_columns = 2 if max(map(len, short)) <= SHORT_NAME else 1
+    legend = axes.legend(
+        handles, short, loc="lower left", ncols=n_columns, frameon=True, framealpha=0.8,
+        edgecolor="none", facecolor=PAPER, borderpad=0.2, labelspacing=0.2,
+    )  # fmt: skip
+    legend.set_in_layout(False)
+
+
+def shortened(name: str) -> str:
+    """Return a channel's name with its middle left out where it is long."""
+    half = LONG_NAME // 2
+    return name if len(name) <= LONG_NAME else f"{name[:half]}…{name[-half:]}"
 
 
 def lasting_modes(record: TurbineRecord) -> list[CombinedMode]:

@@ -41,12 +41,16 @@ class ScadaReader:
     address   of the feed; its options map names
     turbine   that the controller is of
 
+    `declared` has the names that the options give, in their order.
+
     Raises FeedError for a factor that is no number.
     """
 
     def __init__(self, address: FeedAddress, turbine: str) -> None:
         self._turbine = turbine
         self._figures = {name: _mapped(address, name) for name in _FIGURES}
+        given = [name for name in address.options if name in (*_FIGURES, "state")]
+        self.declared = tuple(_mapped(address, name).name for name in given)
         self._time, self._state = _mapped(address, "time").name, _mapped(address, "state").name
 
     @property

@@ -27,7 +27,7 @@ from sensors.files.table import (
     in_standard_unit,
 )
 from sensors.files.text.column_titles import distinct, is_number_title, is_time_title, time_unit
-from sensors.files.text.time_column import ClockError, TextClock
+from sensors.files.text.time_column import ClockError, TextClock, iso
 
 logger = logging.getLogger(__name__)
 
@@ -263,6 +263,11 @@ def _seconds_of(
             times = clock.seconds(joined)
         except ClockError as error:
             raise FileError(f"{path}: the time column {clock.title!r} {error}") from error
+        for changed_ns in clock.summer_time.changes_ns:
+            log_once(
+                f"{path}: the clock leaps by an hour at {iso(changed_ns)[:19]}, as local time does "
+                "on that night; all times are read as those before it"
+            )
         return replace(chunk, times=times, start_ns=clock.start_ns or columns.start_ns,
                        stated_rate=None)  # fmt: skip
 

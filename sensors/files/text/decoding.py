@@ -4,6 +4,7 @@ import codecs
 import gzip
 import io
 import re
+import zipfile
 import zlib
 from pathlib import Path
 from typing import IO, Any, cast
@@ -12,11 +13,13 @@ import pyarrow as pa
 
 from sensors.files.table import FileError
 
-UNREADABLE = (OSError, EOFError, zlib.error, UnicodeError)
+UNREADABLE = (OSError, EOFError, zlib.error, zipfile.BadZipFile, UnicodeError)
 GZIP = b"\x1f\x8b"
+ZIP = b"PK\x03\x04"
+WORKBOOK = "[Content_Types].xml"  # in every archive that is one
 # What begins a file that is no text, and what to do about it.
 NO_TEXT = {
-    b"PK\x03\x04": "an archive or a workbook: unpack it, or save the sheet as CSV",
+    ZIP: "an archive or a workbook: unpack it, or save the sheet as CSV",
     b"\xd0\xcf\x11\xe0": "a workbook: save the sheet as CSV",
     b"MATLAB 5.0": "MATLAB: name it .mat",
     b"\x89HDF": "HDF5: name it .h5",
@@ -33,10 +36,41 @@ _BLANKS = re.compile(r"[ \t]+")
 
 
 def open_unpacked(path: Path) -> IO[bytes]:
-    """Return the file's bytes, unzipped where it is a gzip file."""
+    """Return the file's bytes, unpacked where it is a gzip file or an archive of one file.
+
+    Raises
+    ------
+    FileError
+        If an archive holds several files.
+    """
     with path.open("rb") as file:
-        packed = file.read(2) == GZIP
-    return cast("IO[bytes]", BoundedGzip(path)) if packed else path.open("rb")
+        begin = file.read(4)
+    if begin.startswith(GZIP):
+        return cast("IO[bytes]", BoundedGzip(path))
+    return _only_member(path) if begin == ZIP else path.open("rb")
+
+
+def _only_member(path: Path) -> IO[bytes]:
+    """The file in an archive; the archive itself where it is a workbook, or damaged."""
+    try:
+        archive = zipfile.ZipFile(path)
+    except zipfile.BadZipFile:
+        return path.open("rb")
+    members = [each for each in archive.infolist() if not each.is_dir()]
+    names = [each.filename for each in members]
+    if WORKBOOK in names or not members:
+        return path.open("rb")
+    if len(members) > 1:
+        listed = ", ".join(names[:3]) + (", …" if len(names) > 3 else "")
+        raise FileError(
+            f"{path}: the archive holds {len(names)} files ({listed}): unpack it; `new` and "
+            "`import` take several files"
+        )
+    require_unpacked(path, members[0].file_size, most_unpacked(path.stat().st_size))
+    try:
+        return archive.open(members[0])
+    except (RuntimeError, NotImplementedError) as error:  # a password, an unknown method
+        raise FileError(f"{path}: {error}; unpack it") from error
 
 
 class BoundedGzip(gzip.GzipFile):
@@ -156,7 +190,7 @@ class RewrittenText(io.RawIOBase):
 def open_arrow_stream(path: Path, encoding: str, *, blanks: bool) -> Any:
     """Return what Arrow reads: the file itself where it is UTF-8."""
     file = open_unpacked(path)
-    if encoding == "utf-8" and not blanks and not isinstance(file, gzip.GzipFile):
+    if encoding == "utf-8" and not blanks and isinstance(file, io.BufferedReader):
         file.close()
         return pa.OSFile(str(path))
     return pa.PythonFile(io.BufferedReader(RewrittenText(file, encoding, blanks=blanks)), mode="r")

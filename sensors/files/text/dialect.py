@@ -248,7 +248,9 @@ class _Beginning:
             self.form.decimal_point,
             skipped=samples[0].number,
             columns=replace(
-                columns, rate=stated_rate(preamble), start_ns=stated_start_ns(preamble)
+                columns,
+                rate=stated_rate(preamble),
+                start_ns=stated_start_ns(preamble, wanted.time.dates),
             ),
             missing=tuple({cell for row in samples for cell in row.missing}),
             exact_time=self._has_long_times(some, columns.clock),

@@ -4,7 +4,12 @@ import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
+import pyarrow as pa
+
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.files.table import DateOrder
+from sensors.files.text.columns import log_once
+from sensors.files.text.dates import DateError, DateStyle, kind_of_text
 from sensors.files.text.time_column import SECONDS_PER_UNIT
 
 _GAP = r"[^\d\n+-]{0,24}?"
@@ -25,6 +30,12 @@ _START = re.compile(
     r"(?:start|begin|trigger|t0)\w*[^\d\n]{0,24}"
     r"(?P<moment>\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2})(?P<part>\.\d+)?"
     r"(?P<zone>Z|[+-]\d{2}:?\d{2})?",
+    re.IGNORECASE,
+)
+_OTHER_START = re.compile(
+    r"(?:start|begin|trigger|t0)[^\d\n]{0,30}"
+    r"(?P<moment>\d{1,4}[-/. ]{1,2}(?:\d{1,2}|[^\W\d]{3,9})[-/. ]{1,2}\d{1,4}[T ,;]+"
+    r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?(?: ?[AP]M)?)",
     re.IGNORECASE,
 )
 
@@ -55,11 +66,19 @@ def _number(text: str) -> float:
     return float(text.replace(",", "."))
 
 
-def stated_start_ns(lines: Sequence[str]) -> int:
-    """Return when the measurement began [ns since 1970-01-01 UTC]; 0: not stated."""
+def stated_start_ns(lines: Sequence[str], dates: DateOrder | None = None) -> int:
+    """Return when the measurement began [ns since 1970-01-01 UTC]; 0: not stated.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Above the table.
+    dates : {"day-first", "month-first"}, optional
+        What comes first in dates such as 3/4/2024.
+    """
     found = next((match for line in lines if (match := _START.search(line))), None)
     if found is None:
-        return 0
+        return _other_start_ns(lines, dates)
     try:
         moment = datetime.fromisoformat(found["moment"] + (found["zone"] or ""))
     except ValueError:
@@ -67,3 +86,18 @@ def stated_start_ns(lines: Sequence[str]) -> int:
     aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     part = (found["part"] or ".")[1:]
     return round(aware.timestamp()) * NANOSECONDS + int(f"{part:0<9}"[:9])
+
+
+def _other_start_ns(lines: Sequence[str], dates: DateOrder | None) -> int:
+    """A start that is not written as ISO 8601; 0 where day and month may be exchanged."""
+    found = next((match for line in lines if (match := _OTHER_START.search(line))), None)
+    if found is None or kind_of_text(found["moment"]) != "moment":
+        return 0
+    text = found["moment"]
+    try:
+        return int(DateStyle.of([text], dates).nanoseconds(pa.array([text]))[0])
+    except DateError as error:
+        log_once(f"the start of the measurement is left out; {error}")
+    except pa.ArrowInvalid:
+        pass
+    return 0

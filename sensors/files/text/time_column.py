@@ -22,6 +22,7 @@ from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.files.table import DateOrder
 from sensors.files.text.dates import DateError, DateStyle, kind_of_text
+from sensors.files.text.summer_time import SummerTime
 
 SECONDS_PER_UNIT = {
     "": 1.0,
@@ -161,6 +162,8 @@ class TextClock:
 
     _scale: Scale | None = None
     _style: DateStyle | None = field(default=None)
+    summer_time: SummerTime = field(default_factory=SummerTime)
+    """Changes of a local clock that the dates run over."""
 
     def seconds(self, column: pa.Array) -> FloatArray:
         """Return seconds since the file's first stamp.
@@ -204,7 +207,10 @@ class TextClock:
         try:
             if self._style is None:
                 self._style = DateStyle.of(texts.to_pylist(), self.dates)
-            return self._of_nanoseconds(self._style.nanoseconds(texts), dated=self._style.dated)
+            stamps = self._style.nanoseconds(texts)
+            if self._style.dated and not self._style.zoned:
+                stamps = self.summer_time.continuous(stamps)
+            return self._of_nanoseconds(stamps, dated=self._style.dated)
         except DateError as error:
             raise ClockError(f"has {error}") from error
         except pa.ArrowInvalid as error:

@@ -37,6 +37,11 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     # new
     ("new gone.csv", "gone.csv"),
     ("new nan.csv -o made", "nan.csv: less than 1 s of samples"),
+    (
+        "new wind.csv -o made",
+        "wind.csv: no channel measures a motion of the structure: Wind (the wind)",
+    ),
+    ("identify wind.csv", "wind.csv"),
     ("new no-time.csv -o made", "--sampling-rate"),
     ("new noise.csv -o made --structure gone.toml", "gone.toml"),
     ("new noise.csv -o made --structure iea15mw_monopile", "height and axis"),
@@ -157,6 +162,9 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("feed udp://127.0.0.1:0 --layout layout.toml --scenario parked", "give one"),
     ("feed mqtt://", "mqtt://"),
     ("feed udp://127.0.0.1:0", "where on the tower are its channels?"),
+    ("feed opcua://127.0.0.1 --layout gone.toml", "gone.toml"),
+    ("feed opcua://127.0.0.1?node=a --layout layout.toml", "did you mean 'nodes'?"),
+    ("feed scada+opcua://127.0.0.1 --turbine t1", "which variables?"),
     ("feed scada+csv:noise.csv", "of which turbine?"),
     ("feed udp://127.0.0.1:0 --layout template.toml", "height"),
     # publish
@@ -167,6 +175,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("publish --source simulate:parked --speed fast", "--speed fast"),
     # node
     ("node", "Missing argument 'name"),
+    ("node recorder --out noise.csv", "--out noise.csv is a file; a folder is needed"),
     ("node updater", "'updater' is not one of"),
     ("node updating --recording gone.mcap", "gone.mcap"),
     ("node updating --scenario gone", "'gone' is neither"),
@@ -231,6 +240,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
         table = np.column_stack([np.arange(len(samples)) / 50.0, samples])
         header = "time [s],low [g],high [g]"
         np.savetxt(place / f"{name}.csv", table, delimiter=",", header=header, comments="")
+    wind = np.column_stack([np.arange(6000) / 50.0, 9.0 + noise[:, 0]])
+    np.savetxt(place / "wind.csv", wind, delimiter=",", header="time [s],Wind [m/s]", comments="")
     np.savetxt(place / "no-time.csv", noise, delimiter=",", header="low,high", comments="")
     (place / "text.mcap").write_text("This is a text.")
     (place / "layout.toml").write_text(LAYOUT.format(second="high"))

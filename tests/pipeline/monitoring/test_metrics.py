@@ -139,13 +139,21 @@ def test_a_port_that_is_taken_is_one_line() -> None:
         pass
 
 
-def test_a_session_that_runs_elsewhere_can_be_listened_to() -> None:
+def test_a_session_that_runs_elsewhere_can_be_listened_to(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     endpoint = free_endpoint()
     desk, stopping = MetricsNode(), threading.Event()
     reader_settings = ZenohSettings(mode="client", connect=(endpoint,))
     with closing(ZenohBus(hub(endpoint))) as session, closing(ZenohBus(reader_settings)) as reader:
-        listening = threading.Thread(target=listened, args=(desk, reader, stopping))
+        listening = threading.Thread(
+            target=listened,
+            args=(desk, reader, stopping),
+            kwargs={"where": endpoint, "patience": 0.1},
+        )
         listening.start()
+        while "does a session run there" not in caplog.text:
+            assert listening.is_alive()
         for sequence in range(3):
             session.publish(block(sequence))
         while figures(desk).get(("pilewatch_samples_total", "t1", "tower"), 0.0) != 120:

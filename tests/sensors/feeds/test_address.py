@@ -25,6 +25,8 @@ def test_an_mqtt_address_has_machine_topic_user_and_options() -> None:
         ("scada+mqtts://h/t", 8883),
         ("seedlink://h/XX.T", 18000),
         ("mqtt://[::1]:99/t", 99),
+        ("opcua://h", 4840),
+        ("opc.tcp://h:4841/path", 4841),
         ("udp://:5005", 5005),
     ],
 )

@@ -2,6 +2,7 @@
 
 import pytest
 
+from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.files.channel_names import guess_channels, other_quantity
 
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
@@ -116,3 +117,12 @@ def test_what_is_no_motion_is_recognised(name: str, unit: str) -> None:
 )
 def test_motions_and_what_may_be_one_stay(name: str, unit: str) -> None:
     assert other_quantity(name, unit) == ""
+
+
+def test_two_channels_of_one_height_without_axes_are_taken_across_each_other() -> None:
+    found = guess_channels(["top 92 m langs", "top 92 m tvaers", "foot 10 m X"])
+    assert [each.direction for each in found] == [FORE_AFT, SIDE_SIDE, FORE_AFT]
+    assert found[1].reason.count("taken across the other one at its height") == 1
+    assert not found[1].direction_known
+    three = guess_channels(["top 92 m a", "top 92 m b", "top 92 m c"])
+    assert [each.direction for each in three] == [FORE_AFT] * 3

@@ -24,8 +24,15 @@ def test_fields_are_found_by_name_and_unit() -> None:
     assert found["power"].factor == 1e3
 
 
-def test_fields_are_found_in_german_too() -> None:
-    names = ("Windgeschwindigkeit", "Drehzahl Rotor", "Leistung", "Wasserstand")
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Windgeschwindigkeit", "Drehzahl Rotor", "Leistung", "Wasserstand"),
+        ("Windsnelheid", "Toerental", "Vermogen", "Waterstand"),
+        ("Vindhastighed", "Omdrejninger", "Effekt", "Vandstand"),
+    ],
+)
+def test_fields_are_found_in_other_languages_too(names: tuple[str, ...]) -> None:
     found = condition_channels(names, ("m/s", "1/min", "kW", "m"))
     assert set(found) == {"wind_speed", "rotor_speed", "power", "water_level"}
     assert all(other_quantity(name, "") for name in names)

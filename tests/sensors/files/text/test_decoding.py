@@ -1,12 +1,13 @@
 """A packed file that holds more than a measurement is refused before it is all unpacked."""
 
 import gzip
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sensors.files.formats import channels_in
+from sensors.files.formats import channels_in, read_file
 from sensors.files.table import FileError
 from sensors.files.text import decoding
 
@@ -27,4 +28,38 @@ def test_an_archive_that_states_to_hold_too_much_is_one_line(
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, z10=np.zeros(3_000_000))
     with pytest.raises(FileError, match="no measurement packs like that"):
+        channels_in(path)
+
+
+def archive(path: Path, *names: str) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in names:
+            file.writestr(name, "t,z10-fa\n" + "".join(f"{i / 10},{i % 7}\n" for i in range(200)))
+    return path
+
+
+def test_the_one_file_of_an_archive_is_read(tmp_path: Path) -> None:
+    table = channels_in(archive(tmp_path / "one.zip", "tower.csv"))
+    assert table.names == ("z10-fa",)
+    table = read_file(tmp_path / "one.zip")
+    np.testing.assert_array_equal(table.samples[:, 0], np.arange(200) % 7)
+
+
+@pytest.mark.parametrize(
+    ("names", "sentence"),
+    [
+        (("a.csv", "b.csv"), r"holds 2 files \(a.csv, b.csv\): unpack it"),
+        (("[Content_Types].xml", "xl/sheet1.xml"), "an archive or a workbook"),
+        ((), "this is no text"),
+    ],
+)
+def test_other_archives_are_one_line(tmp_path: Path, names: tuple[str, ...], sentence: str) -> None:
+    with pytest.raises(FileError, match=sentence):
+        channels_in(archive(tmp_path / "many.zip", *names))
+
+
+def test_a_cut_archive_is_one_line(tmp_path: Path) -> None:
+    path = archive(tmp_path / "one.zip", "tower.csv")
+    path.write_bytes(path.read_bytes()[:300])
+    with pytest.raises(FileError, match="an archive or a workbook"):
         channels_in(path)

@@ -47,8 +47,17 @@ def test_a_cell_without_a_value_is_known_as_it_is_written(tmp_path: Path) -> Non
         ("# start: 2024-02-03 04:05:06", 1_706_933_106_000_000_000),
         ("# Trigger time 2024-02-03T04:05:06.25", 1_706_933_106_250_000_000),
         ("# begin 2024-02-03 04:05:06+01:00", 1_706_929_506_000_000_000),
+        ("Start time:\t23.02.2024 04:05:06,250", 1_708_661_106_250_000_000),
+        ("Start time: 2/23/2024 04:05:06 AM", 1_708_661_106_000_000_000),
+        ("Start time:\t03/02/2024 04:05:06", 0),  # in February or in March
         ("# recorded yesterday", 0),
     ],
 )
 def test_a_stated_start_counts_from_1970_in_utc(line: str, expected: int) -> None:
     assert stated_start_ns([line]) == expected
+
+
+def test_a_start_that_may_be_in_two_months_is_the_one_that_is_said() -> None:
+    line = "Start time:\t03/02/2024 04:05:06"
+    assert stated_start_ns([line], "day-first") == 1_706_933_106_000_000_000
+    assert stated_start_ns([line], "month-first") == 1_709_352_306_000_000_000

@@ -1,0 +1,1 @@
+"""OPC UA: a subscription to the variables of one server."""

@@ -1,0 +1,134 @@
+"""OPC UA data values → samples, by their source time stamps."""
+
+import logging
+import math
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from sensors.acquisition.blocks import NANOSECONDS, BlockStatus
+from sensors.feeds.payloads.timestamps import LATEST_NS
+from sensors.feeds.protocol import ChannelSamples, FeedCounts
+
+logger = logging.getLogger(__name__)
+
+OVERFLOW = (
+    0x480  # bits of a status code: a data value, before which the server's queue dropped some
+)
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class ValueReader:
+    """Reads the data values of one server's variables.
+
+    Parameters
+    ----------
+    counts : FeedCounts
+        Takes what is lost, duplicate, late or no number.
+    sampling_rate : float or None
+        Of values that are arrays [Hz].
+    stamp : {"first", "last"}
+        Which sample of an array its time stamp is of.
+    """
+
+    def __init__(self, counts: FeedCounts, sampling_rate: float | None, stamp: str) -> None:
+        self.newest_ns: dict[str, int] = {}  # time of the last value of each channel [ns]
+        self._counts, self._rate, self._stamp = counts, sampling_rate, stamp
+        self._unstamped: set[str] = set()
+        self._read_before: dict[str, int] = {}  # values that come again: up to when [ns]
+
+    def read(self, name: str, value: Any) -> Iterator[ChannelSamples]:
+        """Yield the samples of a channel's data value; where it brings none, they are counted.
+
+        A bad value is NaN: its time is known, its sample is not.
+        """
+        self._counts.received += 1
+        if self._is_overflow(value):
+            self._counts.lost += 1
+        if value.SourceTimestamp is None and value.StatusCode.is_bad():
+            return  # nothing was ever measured
+        time_ns = self._time_ns(name, value)
+        if time_ns is None or self._is_old(name, time_ns):
+            return
+        samples = samples_of(value)
+        if samples is None:
+            self._counts.refuse(f"{name} is {content_of(value)!r:.40}, which is no number")
+            return
+        if len(samples) > 1 and self._rate is None:
+            self._counts.refuse(f"{name}: arrays of {len(samples)} samples need the option rate=")
+            return
+        self.newest_ns[name] = time_ns
+        if self._stamp == "last" and self._rate is not None:
+            time_ns -= round((len(samples) - 1) * NANOSECONDS / self._rate)
+        fault = BlockStatus.SENSOR_FAULT if value.StatusCode.is_bad() else BlockStatus.OK
+        yield ChannelSamples(
+            name, (name,), samples.reshape(-1, 1), time_ns, self._rate, status=fault
+        )
+
+    def _time_ns(self, name: str, value: Any) -> int | None:
+        """The source's time stamp, else the server's [ns since 1970-01-01 UTC]; None, and counted,
+        where there is neither."""
+        if value.SourceTimestamp is None and name not in self._unstamped:
+            self._unstamped.add(name)
+            logger.warning("%s has no source time stamps; the server's are used", name)
+        time_ns = stamp_ns(value)
+        if time_ns is None or not 0 <= time_ns < LATEST_NS:
+            self._counts.refuse(f"{name}: a value of the time {value.SourceTimestamp}")
+            return None
+        return time_ns
+
+    def pass_over_known(self) -> None:
+        """Values up to the newest may come again: a subscription repeats a history's end."""
+        self._read_before = dict(self.newest_ns)
+
+    def _is_old(self, name: str, time_ns: int) -> bool:
+        """Whether a value repeats the last one: a subscription begins with the present value."""
+        if time_ns <= self._read_before.get(name, -1) or time_ns == self.newest_ns.get(name):
+            self._counts.duplicate += 1
+            return True
+        self._read_before.pop(name, None)
+        return False
+
+    @staticmethod
+    def _is_overflow(value: Any) -> bool:
+        return bool(value.StatusCode.value & OVERFLOW == OVERFLOW)
+
+
+def stamp_ns(value: Any) -> int | None:
+    """A data value's source time stamp, else the server's [ns since 1970-01-01 UTC]."""
+    stamp = value.SourceTimestamp or value.ServerTimestamp
+    return None if stamp is None else nanoseconds_of(stamp)
+
+
+def nanoseconds_of(moment: datetime) -> int:
+    """A time [ns since 1970-01-01 UTC]; UTC where it names no zone."""
+    since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - _EPOCH
+    return (since.days * 86_400 + since.seconds) * NANOSECONDS + since.microseconds * 1000
+
+
+def moment_of(time_ns: int) -> datetime:
+    """The inverse of `nanoseconds_of`, to a microsecond."""
+    return datetime.fromtimestamp(time_ns // NANOSECONDS, UTC).replace(
+        microsecond=time_ns % NANOSECONDS // 1000
+    )
+
+
+def content_of(value: Any) -> Any:
+    """What a data value holds."""
+    return None if value.Value is None else value.Value.Value
+
+
+def samples_of(value: Any) -> np.ndarray | None:
+    """The numbers of a data value, shape (n,); one NaN if it is bad, None if it is no number."""
+    content = content_of(value)
+    if value.StatusCode.is_bad() or content is None:
+        length = len(content) if isinstance(content, list) and content else 1
+        return np.full(length, math.nan)
+    items = content if isinstance(content, list) else [content]
+    if not items or any(isinstance(each, bool) for each in items):
+        return None
+    if not all(isinstance(each, int | float) for each in items):
+        return None
+    return np.array(items, dtype=np.float64)
