@@ -1,6 +1,6 @@
 """Random structures of every damping, noise and length: missed, invented, error over the bound.
 
-    python -m tests.benchmarks structures [--first-seed 75001] [--records 60] [--keep]
+    python -m tests.benchmarks structures [--first-seed 75001] [--records 60] [--below B] [--keep]
 
 Every seed draws 2 to 10 modes (ζ .3 to 8 %, log-uniform), 2 to 8 channels, noise of 1 to 100 % of
 each channel's rms and 5 to 60 minutes. A mode counts where its attainable frequency std is below
@@ -13,10 +13,13 @@ missed      no identified mode within max(3 std, 1 %) with a MAC of .8 (.5 where
 invented    identified modes within max(3 std, 2 %) of no mode of the structure
 duplicates  further identified modes beside one that was matched
 cover       90 % intervals of f and ζ by class of ζ f T
+
+`--below` leaves out records without a mode whose ζ f T is less: intervals of slow modes.
 """
 
+from argparse import Namespace
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +28,7 @@ from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from sensors.arrays import BoolArray, FloatArray
+from tests.benchmarks._results import keep
 from tests.benchmarks._seeded import report, seeded_options, seeds_of
 
 CLASSES = {"below 3": (0.0, 3.0), "3 to 10": (3.0, 10.0), "above 10": (10.0, np.inf)}  # ζ f T [-]
@@ -219,17 +223,40 @@ def main(arguments: list[str]) -> None:
     """Print the figures, and keep them where asked."""
     parser = seeded_options("structures", first_seed=75_001, records=60)
     parser.add_argument("--list", action="store_true", help="every mode missed or invented")
+    parser.add_argument("--below", type=float, default=np.inf, help="ζ f T of one mode or more")
     options = parser.parse_args(arguments)
     structures, judged = [], []
     for seed in seeds_of(options):
         structure = draw(seed)
+        half_widths = structure.damping_ratios * structure.frequencies * structure.duration
+        if not (structure.judged & (half_widths < options.below)).any():
+            continue
         found = identify(structure.samples, structure.sampling_rate)
         each = judge(structure, found.modes)
         if options.list:
             _print_record(seed, structure, each, found.refused)
-        structures.append(structure)
+        structures.append(replace(structure, samples=np.empty((len(structure.samples), 0))))
         judged.append(each)
-    report("structures", figures(structures, judged), options, seeds=seeds_of(options))
+    found_figures = figures(structures, judged)
+    if np.isfinite(options.below):
+        _keep_slow(found_figures, options)
+    else:
+        del options.below
+        report("structures", found_figures, options, seeds=seeds_of(options))
+
+
+def _keep_slow(found: dict[str, Any], options: Namespace) -> None:
+    for title, value in found.items():
+        print(f"{title:20s} {value}")
+    if options.keep:
+        keep(
+            "structures-slow",
+            found,
+            command=f"python -m tests.benchmarks structures --first-seed {options.first_seed} "
+            f"--records {options.records} --below {options.below:g} --keep",
+            seeds=seeds_of(options),
+            depends=("pipeline/oma", "tests/benchmarks/structures.py"),
+        )
 
 
 def _print_record(seed: int, structure: Structure, judged: Judged, refused: Any) -> None:
