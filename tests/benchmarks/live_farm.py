@@ -20,7 +20,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +30,7 @@ import numpy as np
 from pipeline.messages import FoundationPosterior, WindowRejected
 from pipeline.recording.reader import read_messages, recorded_messages
 from pipeline.recording.rotation import parts_of
+from pipeline.transport.bus import Inbox
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -84,9 +85,12 @@ def measured(chosen: argparse.Namespace, folder: Path) -> dict[str, float]:
     try:
         wait_for(endpoint)
         time.sleep(STARTING)
-        seconds = chosen.windows * WINDOW + 5
-        sent = publish(chosen.turbines, seconds, chosen.speed, endpoint)
-        wait_for_posteriors(out, chosen.turbines * chosen.windows)
+        bus, answers = ZenohBus(ZenohSettings(mode="peer", connect=(endpoint,))), Inbox()
+        subscription = bus.subscribe((FoundationPosterior, WindowRejected), answers)
+        sent = publish(bus, chosen.turbines, chosen.windows * WINDOW + 5, chosen.speed)
+        wait_for_answers(answers, chosen.turbines * chosen.windows)
+        subscription.close()
+        bus.close()
     finally:
         done.set()
         session.send_signal(signal.SIGINT)
@@ -114,11 +118,9 @@ def resource_of_children() -> float:
     return used.children_user + used.children_system
 
 
-def publish(turbines: int, seconds: int, speed: float, endpoint: str) -> int:
+def publish(bus: ZenohBus, turbines: int, seconds: int, speed: float) -> int:
     """Send blocks of a second of every turbine at so many times real time; return their number."""
     layout, samples = recorded()
-    settings = ZenohSettings(mode="peer", connect=(endpoint,))
-    bus = ZenohBus(settings)
     names = [f"t{number:02d}" for number in range(1, turbines + 1)]
     for name in names:
         bus.publish(replace(layout, turbine=name))
@@ -138,8 +140,6 @@ def publish(turbines: int, seconds: int, speed: float, endpoint: str) -> int:
             )
             count += 1
         time.sleep(max(0.0, begin + (second + 1) / speed - time.monotonic()))
-    time.sleep(3.0)
-    bus.close()
     return count
 
 
@@ -189,21 +189,18 @@ def wait_for(endpoint: str, patience: float = 60.0) -> None:
         time.sleep(0.2)
 
 
-def wait_for_posteriors(out: Path, expected: int) -> None:
+def wait_for_answers(answers: Inbox, expected: int) -> None:
     """Return when all windows are answered, or no more are waited for."""
-    deadline = time.monotonic() + AFTER
-    while time.monotonic() < deadline:
-        lags, rejected = lags_of(out)
-        if len(lags) + rejected >= expected:
-            return
-        time.sleep(10.0)
+    deadline, count = time.monotonic() + AFTER, 0
+    while count < expected and time.monotonic() < deadline:
+        count += answers.get(timeout=1.0) is not None
 
 
 def lags_of(out: Path) -> tuple[np.ndarray, int]:
     """Time from each posterior's last block to its recording, shape (n,) [s]; rejected windows."""
     came: dict[str, dict[int, int]] = {}
     lags, rejected = [], 0
-    for part in files_of(out):
+    for part in parts_of(out / "session.mcap"):
         for each in recorded_messages(part):
             turbine = each.key.split("/")[1]
             if each.message_type is AccelerationBlock:
@@ -214,9 +211,3 @@ def lags_of(out: Path) -> tuple[np.ndarray, int]:
                 last = max(t for t in came[turbine] if t < each.publish_time)
                 lags.append((each.log_time - came[turbine][last]) / NANOSECONDS)
     return np.array(lags), rejected
-
-
-def files_of(out: Path) -> Sequence[Path]:
-    """A session's recording while it is written, or when it is complete."""
-    active = sorted(out.glob("session*.mcap.active"))
-    return [*(parts_of(out / "session.mcap") if (out / "session.mcap").exists() else []), *active]
