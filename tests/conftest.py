@@ -17,10 +17,13 @@ from pipeline.sources.sources import record_simulation, replayed, simulated
 # As every way of running the graph does: small matrices are faster on one thread.
 threadpool_limits(limits=1)
 
-pytest_plugins = ["tests.tiers"]
+pytest_plugins = ["tests.tiers", "tests.identified_once"]
 
 # Spools of publishers that tests start, in this process or another, are the tests' own.
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="pilewatch-state-")
+
+# A hundred processes that tests start share what the first of them compiles.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 SHORT_SCENARIO = """
 title = "Two short windows of the parked turbine"

@@ -147,6 +147,9 @@ highest_frequency = 4.0
 search_draws = 100
 refined = 2
 
+[updating.sampling.importance]
+effective_draws = 100.0
+
 [structure]
 uncertain = "exact"
 """

@@ -233,17 +233,17 @@ def _read(
     if layout is None and path.suffix != ".mcap":
         columns, unused = split_motions(table, str(path))
         table = table.only(columns)
-    stamped = table.sampling_rate
-    if stamped is None and table.times is not None:  # they stand still
+    rate = table.sampling_rate if sampling_rate is None else sampling_rate
+    if table.sampling_rate is None and table.times is not None:  # they stand still
         table = replace(table, times=None)
-        if sampling_rate is None:
+        if rate is None:
             raise FileError(STANDING_STAMPS.format(path=path))
-    if sampling_rate is None and stamped is None:
+    if rate is None:
         raise FileError(
             f"{path} has neither a sampling rate nor a time column (t, time or timestamp): give "
             "--sampling-rate HZ"
         )
-    return table, sampling_rate or stamped or 0.0, unused
+    return table, rate, unused
 
 
 def _constant_speed(rotor_speed: float, n_samples: int) -> NDArray[np.float64]:

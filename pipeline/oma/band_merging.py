@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.stabilization import unexplained_spread
 from sensors.arrays import FloatArray
 
+LONGER_LAGS = 1.5  # of a band that resolves what another one mixes, over the other's [-]
+OFF_PLANE = 0.2  # share of a mixture's shape that is not in the plane of its two modes [-]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MergedMode:
@@ -21,6 +25,7 @@ class MergedMode:
     alone: bool  # one band reports it in most orders, although another one reaches it
     n_bands: int  # that report it
     steady: bool  # in most orders of a band, or at two rates
+    between: tuple[Mode, ...] = ()  # the two modes of longer lags that it is a mixture of
 
 
 def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[MergedMode, ...]:
@@ -45,14 +50,15 @@ def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[Me
         key=lambda entry: entry[:3],
     )
     kept: list[list[Mode]] = []  # the one that stays, then the others of the same mode
-    rates: list[set[float]] = []
+    seen_in: list[list[Band]] = []
     for _, _, place, mode in ranked:
         at = next((i for i, group in enumerate(kept) if _same(mode, group[0])), len(kept))
         if at == len(kept):
             kept.append([])
-            rates.append(set())
+            seen_in.append([])
         kept[at].append(mode)
-        rates[at].add(bands[place].sampling_rate)
+        seen_in[at].append(bands[place])
+    seen = [(modes[0], in_bands) for modes, in_bands in zip(kept, seen_in, strict=True)]
     joined = [
         MergedMode(
             _with_spread_over_bands(
@@ -60,11 +66,65 @@ def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[Me
             ),
             alone=_n_steady([first, *others]) < 2 <= _n_reaching(first, bands),
             n_bands=1 + len(others),
-            steady=_n_steady([first, *others]) > 0 or len(at_rates) > 1,
+            steady=_n_steady([first, *others]) > 0
+            or len({band.sampling_rate for band in in_bands}) > 1,
+            between=_mixture_of(first, in_bands, seen, bands),
         )
-        for (first, *others), at_rates in zip(kept, rates, strict=True)
+        for (first, *others), in_bands in zip(kept, seen_in, strict=True)
     ]
     return tuple(sorted(joined, key=lambda each: each.mode.frequency))
+
+
+def _mixture_of(
+    mode: Mode,
+    in_bands: Sequence[Band],
+    seen: Sequence[tuple[Mode, Sequence[Band]]],
+    bands: Sequence[Band],
+) -> tuple[Mode, ...]:
+    """The nearest modes to either side, where a mode is their mixture; none where it is not.
+
+    The lags of its bands are too short to resolve the two; bands of longer lags, which reach its
+    frequency, know both better and do not report it; its shape lies in their plane.
+
+    in_bands   that report the mode
+    seen       every mode with the bands that report it
+    """
+    longest = max(map(_longest_lag, in_bands))
+    better = [
+        band
+        for band in bands
+        if _longest_lag(band) >= LONGER_LAGS * longest
+        and band.lowest <= mode.frequency <= band.highest
+    ]
+    resolved = [
+        other
+        for other, others_bands in seen
+        if any(band in others_bands for band in better)
+        and abs(other.frequency - mode.frequency) * longest < 1
+        and other.frequency_std < mode.frequency_std
+    ]
+    below = [other for other in resolved if other.frequency < mode.frequency]
+    above = [other for other in resolved if other.frequency > mode.frequency]
+    two = min(product(below, above), key=lambda pair: _share_off_plane(mode, pair), default=(mode,))
+    return two if len(two) == 2 and _share_off_plane(mode, two) <= OFF_PLANE else ()
+
+
+def _longest_lag(band: Band) -> float:
+    """Of its Hankel matrix [s]."""
+    return 2 * band.block_rows / band.sampling_rate
+
+
+def _share_off_plane(mode: Mode, two: Sequence[Mode]) -> float:
+    """Of a shape, what the plane of two others leaves, and the direction that each of them is
+    known only vaguely in [-]."""
+    directions = [other.shape for other in two]
+    for other in two:
+        moved, std, _ = np.linalg.svd(other.covariance_factor[2:], full_matrices=False)
+        if std[0] > OFF_PLANE:
+            directions.append(moved[:, 0])
+    plane = np.linalg.qr(np.column_stack(directions))[0]
+    off = mode.shape - plane @ (plane.T @ mode.shape)
+    return float(np.linalg.norm(off) / np.linalg.norm(mode.shape))
 
 
 def _is_steady(mode: Mode) -> bool:

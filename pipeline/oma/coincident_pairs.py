@@ -1,4 +1,8 @@
-"""Two modes of one frequency as two entries of a pair: the plane that they span, and their mean."""
+"""Two modes that poles take for one frequency as two entries of a pair: their plane and their mean.
+
+Where their mean frequencies tell the two directions of the plane apart, the entries have these for
+shapes; else the directions that shake most and least.
+"""
 
 from collections.abc import Sequence
 
@@ -12,6 +16,11 @@ from sensors.arrays import FloatArray, IntArray
 
 HALF_WIDTH = 2.0  # of the narrow band, in lines 1/T
 ABOVE_REST = 20.0  # a partner's eigenvalue over the next one [-]
+TOLD_APART_FROM = (
+    3.0  # half bandwidth from which mean frequencies tell two directions apart [lines]
+)
+APART_WIDTHS = 3.0  # half bandwidths to either side of the lines that do
+LARGEST_ANGLE = 0.5  # std of the turn between directions that are known apart [rad]
 
 
 class NarrowBandSpectrum:
@@ -36,9 +45,36 @@ class NarrowBandSpectrum:
         if second < ABOVE_REST * third:
             return None
         scales = self._scales * (2 * np.pi * frequency) ** self._integrations
-        shape = vectors[:, -1] * scales
-        partner = Partner(vectors[:, -2] * scales, float(second / first), float(third / second))
-        return shape / shape[np.argmax(np.abs(shape))], partner
+        axes, turn = vectors[:, [-1, -2]] * np.sqrt([first, second]), None
+        if half_width >= TOLD_APART_FROM:
+            told_apart, angle = self._told_apart(axes, frequency, APART_WIDTHS * half_width)
+            if angle < LARGEST_ANGLE:
+                axes, turn = told_apart, angle
+        stronger, weaker = sorted((axes * scales[:, None]).T, key=lambda axis: -float(axis @ axis))
+        share = float(weaker @ weaker / (stronger @ stronger)) if turn else float(second / first)
+        shape = stronger / stronger[np.argmax(np.abs(stronger))]
+        return shape, Partner(weaker, share, float(third / second), turn)
+
+    def _told_apart(
+        self, axes: FloatArray, frequency: float, reach: float
+    ) -> tuple[FloatArray, float]:
+        """The directions of a plane that differ most in mean frequency, (n_channels, 2), and the
+        std of their turn towards each other [rad].
+
+        Of whitened coordinates y over lines k, Σ yyᴴ = I, the axes are eigenvectors of
+        M = Σ (k − k̄) Re yyᴴ; by its scatter var(M₁₂) = Σ (k − k̄)² |y₁|² |y₂|² / 2 they turn by
+        std(M₁₂) / |m₁ − m₂|. (`whittle.starts.told_apart_by_place` has the source.)
+        """
+        numbers = np.arange(len(self._lines))
+        near = np.abs(numbers - frequency * self.duration) <= reach
+        inside = self._lines[near] @ np.linalg.pinv(axes).T
+        offsets = numbers[near] - numbers[near].mean()
+        lower = np.linalg.cholesky((inside.T @ inside.conj()).real)
+        white = inside @ np.linalg.inv(lower).T
+        means, turn = np.linalg.eigh(((white * offsets[:, None]).T @ white.conj()).real)
+        power = np.abs(white @ turn) ** 2
+        scatter = float(np.sqrt(0.5 * np.sum(offsets**2 * power[:, 0] * power[:, 1])))
+        return axes @ lower @ turn, scatter / float(means[1] - means[0])
 
     def _matrix(self, frequency: float, nearest: float, farthest: float) -> FloatArray:
         """Mean real spectral matrix of the lines whose distance from f, in 1/T, is in between."""

@@ -23,7 +23,7 @@ from pipeline.oma.data_quality.input_checks import (
 )
 from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
 from pipeline.oma.references import references_among
-from pipeline.oma.refused import harmonic, unstable, unsteady
+from pipeline.oma.refused import between, harmonic, unstable, unsteady
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
     BandIdentification,
@@ -234,6 +234,8 @@ def _judged(
         mode = each.mode
         if hardly_damped(mode) and is_harmonic(steady, sampling_rate, mode.frequency):
             judged.harmonics.append(mode)
+        elif each.between:
+            judged.refused.append(between(mode, each.between))
         elif not each.steady:
             reason = unsteady(mode, settings.minimum_presence)
             judged.refused.append(reason)

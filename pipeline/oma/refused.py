@@ -25,6 +25,18 @@ def harmonic(mode: Mode) -> RefusedMode:
     )
 
 
+def between(mode: Mode, two: Sequence[Mode]) -> RefusedMode:
+    """What a band of short lags takes for one mode and one of longer lags resolves as two."""
+    below, above = two
+    return RefusedMode(
+        mode.frequency,
+        mode.damping_ratio,
+        "explained",
+        f"explains nothing that the modes at {below.frequency:.4g} and {above.frequency:.4g} Hz do "
+        "not, which longer lags resolve",
+    )
+
+
 def unsteady(mode: Mode, least: float) -> RefusedMode:
     """What too few model orders of its only band agree upon."""
     return RefusedMode(

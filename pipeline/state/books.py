@@ -141,13 +141,14 @@ class Books:
         return [text for turbine in turbines for text in self._violations_of(turbine)]
 
     def _violations_of(self, turbine: str) -> Iterator[str]:
-        unread = self._unread_blocks(turbine)
+        unread: int | None = None  # many names may have been refused: counted when it matters
         for (of, unit, session, boot), blocks in self._blocks.items():
             if of != turbine or not blocks.recorded:
                 continue
             place = f"unit {unit} of {turbine}, session {session}, boot {boot}"
             yield from (f"{place}: {text}" for text in blocks.violations())
             for first, end, there in blocks.refuted:
+                unread = self._unread_blocks(turbine) if unread is None else unread
                 if there > unread:
                     numbers = block_numbers(first, end)
                     yield f"{place}: {numbers} reported missing and recorded"

@@ -1,13 +1,15 @@
 """Who is alive, what is late, what is missing: from the table of streams alone."""
 
 from dataclasses import dataclass
+from heapq import nsmallest
 from typing import Literal
 
 from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.streams import key_of, stream_of
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
-MOST_KEYS_WATCHED = 5000  # of more, the one with the fewest messages goes
+MOST_KEYS_WATCHED = 5000  # of more, those with the fewest messages go,
+LET_GO = 100  # so many at once, as the search for them takes a look at all
 LATE_AFTER = 3.0  # a stream is late when so many of its periods have gone by in silence [-]
 
 Condition = Literal["alive", "late", "ended"]
@@ -62,7 +64,8 @@ class Health:
         key = key_of(message)
         before = self._seen.get(key)
         if before is None and len(self._seen) >= MOST_KEYS_WATCHED:
-            del self._seen[min(self._seen, key=lambda each: self._seen[each].count)]
+            for rare in nsmallest(LET_GO, self._seen, key=lambda each: self._seen[each].count):
+                del self._seen[rare]
         count, first_ns = (before.count, before.first_ns) if before else (0, now_ns)
         self._seen[key] = _Seen(message, now_ns, count + 1, first_ns)
         if isinstance(message, StreamEnd):

@@ -22,6 +22,7 @@ from scipy.sparse import csr_array
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
+from sensors.dynamics.figure_modes import FigureModes, Linearisation
 from sensors.dynamics.figure_terms import RELATIVE, FigureTerms, Term, figure_terms
 from sensors.dynamics.full_model_modes import VISIBLE_SHARE, decoupled_groups
 from sensors.dynamics.snapshot_basis import SparseStack, snapshot_basis
@@ -41,42 +42,6 @@ LEVEL_SPACING = 0.5  # between the tabulated levels; cubics between them [m]
 SNAPSHOTS = 160  # points whose modes span the basis
 SNAPSHOT_SPREAD = 2.5  # of the figures there, in default standard deviations, uniform
 BASIS_MARGIN = 1.12  # a basis holds the modes to this multiple of the highest frequency [-]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FigureModes:
-    """Visible modes at n points, lowest first; fewer than n_modes at some: NaN at the end."""
-
-    frequencies: FloatArray
-    """(n, n_modes) [Hz]"""
-    shapes: FloatArray
-    """(n, n_modes, n_channels), as the channels read them, largest component 1 [-]"""
-    admissible: NDArray[np.bool_]
-    """(n,) springs positive definite, structure stable"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Linearisation:
-    """Modes at one point and their derivatives by springs, figures and level."""
-
-    frequencies: FloatArray
-    """(n_modes,) [Hz]"""
-    shapes: FloatArray
-    """(n_modes, n_channels), largest component 1 [-]"""
-    log_frequency_slopes: FloatArray
-    """∂ ln f, (n_modes, p), p: k11, k22, k12 [per N/m, …], then each figure's departure, then the
-    level [1/m]"""
-    readings: FloatArray
-    """(n_modes, n_channels) what the channels read of the mass-normalised modes, complex for an
-    AC-coupled channel"""
-    reading_slopes: FloatArray
-    """(n_modes, n_channels, p) their derivatives"""
-    across: FloatArray
-    """(n_modes, n_channels) what the channels would read turned by a right angle about z"""
-    by_height: FloatArray
-    """(n_modes, n_channels) change of what they read by a metre of height [1/m]"""
-    vectors: FloatArray
-    """(n_modes, n_dofs) mass-normalised modes"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -31,7 +31,7 @@ from pipeline.updating.structural.prior import GaussianBelief, JointCoordinates
 from pipeline.updating.structural.refresh import WIDENING
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
-from sensors.dynamics.figure_model import Linearisation
+from sensors.dynamics.figure_modes import Linearisation
 from tests.benchmarks import structural_uncertainty
 from tests.benchmarks._results import keep
 from tests.outside.modal_data import LAYOUT

@@ -49,6 +49,7 @@ FIRST_SEED = 30000
 SPRINGS = ("k11", "k22", "k12")
 DEPENDS = (
     "pipeline/updating/structural",
+    "pipeline/updating/likelihood/mixtures.py",
     "pipeline/updating/likelihood/mode_errors.py",
     "sensors/dynamics/figure_model.py",
     "sensors/structure/figures.py",

@@ -4,6 +4,8 @@
     python -m tests.mutation.draw --seed 20261124 --faults 40 --without numerics faults fresh drawn
     python -m tests.mutation.draw --seed 20261125 --faults 60 --without numerics faults fresh \\
         drawn again
+    python -m tests.mutation.draw --seed 20261126 --faults 60 --without numerics faults fresh \\
+        drawn again third
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it. Texts of messages, docstrings, logging,

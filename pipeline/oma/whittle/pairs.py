@@ -25,6 +25,18 @@ class Partner:
     """Of the mode's own power [-]."""
     noise_share: float
     """Power of the background over the partner's [-]."""
+    turn: float | None = None
+    """Std of the angle between the true axes and these, where something but their power tells
+    them apart [rad]."""
+
+    @property
+    def turns(self) -> tuple[float, float]:
+        """Share of the other one's shape that each may hold, of the stronger one and of this one,
+        std [-]."""
+        ratio = float(np.sqrt(self.power_share))
+        if self.turn is None:
+            return min(1.0, ratio), min(1.0, ratio)
+        return min(1.0, self.turn * ratio), min(1.0, self.turn / ratio)
 
 
 def joint_pair(
@@ -36,13 +48,14 @@ def joint_pair(
     frequencies   mean ones of the power along the two axes, (2,) [Hz]
     spreads       added in quadrature to their std, (2,) [Hz]
 
-    Each shape may be turned in the plane towards the other by an angle that is small only when the
-    partner's power is: its std is sqrt(power share), which enters as one more column of the factor.
+    Each shape may be turned in the plane towards the other. Of axes that only their power
+    distinguishes the angle is small only when the partner's power is: its std is sqrt(power share).
+    It enters as one more column of the factor.
     """
-    turn = min(1.0, float(np.sqrt(partner.power_share)))
+    of_leader, of_second = partner.turns
     second = partner.shape / partner.shape[np.argmax(np.abs(partner.shape))]
     shapes = (leader.shape, second)
-    towards = (turn * second, turn * leader.shape)
+    towards = (of_leader * second, of_second * leader.shape)
     noises = (0.0, float(np.sqrt(partner.noise_share)))
     pair_id = f"{frequencies.mean():.4f} Hz"
     first_entry, second_entry = (

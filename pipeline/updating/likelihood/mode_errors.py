@@ -12,7 +12,7 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings, ModeComparison
 from pipeline.updating.likelihood.pairing import Pairing
 from sensors.arrays import FloatArray, IndexArray
-from sensors.dynamics.figure_model import Linearisation
+from sensors.dynamics.figure_modes import Linearisation
 
 STUDENT_DEGREES = 4.0  # ν of Student's t, of each mode's frequency and each shape
 ARRAYS_REMEMBERED = 8  # of evidences: a fit compares one or two, hundreds of times

@@ -6,6 +6,7 @@ A sampler is a function of a Target and a random generator that answers with Pos
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -97,8 +98,15 @@ def log_prior_volume(prior: Prior) -> float:
     with l and h the box's bounds. What gravity alone forbids (.1 % of it for the IEA 15 MW
     monopile) counts as prior with a likelihood of zero.
     """
-    low, high = prior.settings.lowest_ratio, prior.settings.highest_ratio
-    k11, k22, k12 = prior.nominal
+    box = (prior.settings.lowest_ratio, prior.settings.highest_ratio)
+    k11, k22, k12 = map(float, prior.nominal)
+    return _log_volume(box, k11, k22, k12)
+
+
+@lru_cache(maxsize=64)  # the same for every window of a turbine
+def _log_volume(box: tuple[float, float], k11: float, k22: float, k12: float) -> float:
+    """log of the integral over r11 and r22 by midpoints."""
+    low, high = box
     nodes = low + (np.arange(VOLUME_NODES) + 0.5) * (high - low) / VOLUME_NODES
     highest = np.minimum(high, np.sqrt(np.outer(nodes, nodes) * k11 * k22 / k12**2))
     return float(np.log(np.maximum(highest - low, 0.0).mean() * (high - low) ** 2))

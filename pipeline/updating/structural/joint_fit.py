@@ -23,6 +23,7 @@ from scipy.optimize import linear_sum_assignment
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.mode_evidence import PartnerInWater
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings, observations
+from pipeline.updating.likelihood.mixtures import with_mixtures
 from pipeline.updating.likelihood.mode_errors import ModeErrors, mode_errors
 from pipeline.updating.likelihood.pairing import (
     PairingSettings,
@@ -35,7 +36,8 @@ from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.prior import N_SPRINGS, GaussianBelief, JointCoordinates
 from pipeline.updating.structural.sensors.figures import SensorReadings
 from sensors.arrays import FloatArray
-from sensors.dynamics.figure_model import FigureModel, FigureModes, Linearisation
+from sensors.dynamics.figure_model import FigureModel
+from sensors.dynamics.figure_modes import FigureModes, Linearisation
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import varied
 
@@ -408,7 +410,7 @@ class JointFit:
         used = observations(evidence, pairing, modes.frequencies, self.likelihood, mac=mac)
         if not used:
             return None
-        return mode_errors(evidence, pairing, used, modes, self.likelihood)
+        return with_mixtures(mode_errors(evidence, pairing, used, modes, self.likelihood))
 
     def linearised(self, u: FloatArray) -> Linearisation | None:
         """The model's modes at a point as the sensors read them; None where it cannot stand."""

@@ -62,7 +62,9 @@ def test_a_task_that_kills_every_worker_fails_alone(two_workers: Workers) -> Non
     assert found["good"] == 9
 
 
-def test_what_waits_for_a_call_goes_on_also_where_that_call_kills_its_workers() -> None:
+def test_what_waits_for_a_call_goes_on_also_where_that_call_kills_its_workers(
+    two_workers: Workers,
+) -> None:
     """A day's pass waits for the one of the day before."""
     over: set[str] = set()
 
@@ -73,10 +75,9 @@ def test_what_waits_for_a_call_goes_on_also_where_that_call_kills_its_workers() 
         yield Call("afterwards", squared, 4)
 
     found = {}
-    with local_workers(2) as workers:
-        for outcome in workers.outcomes(calls()):
-            over.add(outcome.call.key)
-            found[outcome.call.key] = outcome.result
+    for outcome in two_workers.outcomes(calls()):
+        over.add(outcome.call.key)
+        found[outcome.call.key] = outcome.result
 
     assert isinstance(found["fatal at first"], Failed)
     assert found["afterwards"] == 16

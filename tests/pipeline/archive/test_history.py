@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,16 @@ from tests.pipeline.archive.test_posteriors import AFTER, BEFORE, PLAN
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 
 DATES = ("2026-01-30", "2026-01-31", "2026-02-01", "2026-02-02")
-TASKS, WINDOWS = 2, 4  # of a day; of a task
-CHANGED_AT = 18  # window, on the third day
+TASKS, WINDOWS = 2, 2  # of a day; of a task
+CHANGED_AT = 9  # window, on the third day
+
+
+@pytest.fixture(scope="module", autouse=True)
+def calls_of_one_window() -> Iterator[None]:
+    """A short day has several calls then, as one of 144 windows has."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.archive.posteriors.WINDOWS_OF_CALL", 1)
+        yield
 
 
 def drawn(window: int) -> ModalEstimate:
@@ -70,26 +79,39 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return results
 
 
+@pytest.fixture(scope="module")
+def day_by_day(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Counted]:
+    """A run a day, and what the last of them called."""
+    results = tmp_path_factory.mktemp("days")
+    finished = FinishedResults(results / ".finished")
+    for days in range(1, 4):
+        made(archive_until(finished, days), results, finished)
+    workers = Counted()
+    made(archive_until(finished, 4), results, finished, workers)
+    return results, workers
+
+
+@pytest.fixture
+def copied(scratch: Path, tmp_path: Path) -> Path:
+    """All days in one run, in a folder that a test may damage."""
+    return Path(copytree(scratch, tmp_path / "copied"))
+
+
 def rows(results: Path, table: str) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = parquet.read_table(results / table).to_pylist()
     return found
 
 
-def test_days_that_come_one_by_one_give_the_bits_of_one_run(scratch: Path, tmp_path: Path) -> None:
-    finished = FinishedResults(tmp_path / ".finished")
+def test_days_that_come_one_by_one_give_the_bits_of_one_run(
+    scratch: Path, day_by_day: tuple[Path, Counted]
+) -> None:
+    results, _ = day_by_day
 
-    for days in range(1, 5):
-        made(archive_until(finished, days), tmp_path, finished)
-
-    assert tables_of(tmp_path) == tables_of(scratch)
+    assert tables_of(results) == tables_of(scratch)
 
 
-def test_a_new_day_is_one_pass_and_its_own_posteriors(tmp_path: Path) -> None:
-    finished = FinishedResults(tmp_path / ".finished")
-    made(archive_until(finished, 3), tmp_path, finished)
-    workers = Counted()
-
-    made(archive_until(finished, 4), tmp_path, finished, workers)
+def test_a_new_day_is_one_pass_and_its_own_posteriors(day_by_day: tuple[Path, Counted]) -> None:
+    _, workers = day_by_day
 
     assert workers.calls["day_frames"] == 1
     assert workers.calls["posteriors"] <= TASKS * WINDOWS
@@ -99,7 +121,7 @@ def test_every_window_is_in_the_tables_once_in_order(scratch: Path) -> None:
     posterior = rows(scratch, "posterior")
 
     assert [row["window"] for row in posterior] == list(range(4 * TASKS * WINDOWS))
-    assert [row["month"] for row in posterior] == ["2026-01"] * 16 + ["2026-02"] * 16
+    assert [row["month"] for row in posterior] == ["2026-01"] * 8 + ["2026-02"] * 8
     assert {row["turbine"] for row in posterior} == {"small"}
     assert len(rows(scratch, "events")) == 1
 
@@ -150,18 +172,17 @@ def test_a_task_that_comes_late_changes_what_follows_it_and_nothing_before(
     assert workers.calls["day_frames"] == 2
 
 
-def test_a_lost_file_and_a_lost_state_are_made_again(scratch: Path, tmp_path: Path) -> None:
-    finished = FinishedResults(tmp_path / ".finished")
-    made(archive_until(finished, 4), tmp_path, finished)
-    partition(tmp_path, "pairs", "small", "2026-02").unlink()
-    for path in (tmp_path / ".finished").rglob("*.pw"):
+def test_a_lost_file_and_a_lost_state_are_made_again(scratch: Path, copied: Path) -> None:
+    finished = FinishedResults(copied / ".finished")
+    partition(copied, "pairs", "small", "2026-02").unlink()
+    for path in (copied / ".finished").rglob("*.pw"):
         content = finished.get(path.stem)
         if content is not None and content[-1][0] == day_pass.TRACKED:
             path.write_bytes(path.read_bytes()[:-2])
 
-    made(archive_until(finished, 4), tmp_path, finished)
+    made(archive_until(finished, 4), copied, finished)
 
-    assert tables_of(tmp_path) == tables_of(scratch)
+    assert tables_of(copied) == tables_of(scratch)
 
 
 def test_posteriors_that_fail_leave_their_day_to_the_next_run(
@@ -187,14 +208,13 @@ def test_posteriors_that_fail_leave_their_day_to_the_next_run(
     assert tables_of(tmp_path) == tables_of(scratch)
 
 
-def test_a_month_that_the_archive_has_no_more_goes(tmp_path: Path) -> None:
-    finished = FinishedResults(tmp_path / ".finished")
-    made(archive_until(finished, 4), tmp_path, finished)
+def test_a_month_that_the_archive_has_no_more_goes(copied: Path) -> None:
+    finished = FinishedResults(copied / ".finished")
 
-    made(archive_until(finished, 2), tmp_path, finished)
+    made(archive_until(finished, 2), copied, finished)
 
-    assert set(written_months(tmp_path, "small")) == {"2026-01"}
-    assert not partition(tmp_path, "modes", "small", "2026-02").exists()
+    assert set(written_months(copied, "small")) == {"2026-01"}
+    assert not partition(copied, "modes", "small", "2026-02").exists()
 
 
 def test_calls_of_turbines_wait_for_no_other_turbine(tmp_path: Path) -> None:

@@ -1,14 +1,19 @@
 """What a session says at its end stays readable, however much there was to say."""
 
 import io
+import json
+from pathlib import Path
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
-from pipeline.cli import results
+from pipeline.cli import app, results
 from pipeline.messages import WindowRejected
+from pipeline.monitoring.status import ENDPOINT_FILE
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.scenario import load_scenario
+from pipeline.transport import zenoh_bus
 
 
 def test_of_many_warnings_of_a_kind_some_are_printed_and_the_rest_counted(
@@ -45,3 +50,17 @@ def test_a_rejection_before_anything_was_measured_is_a_line(
     figures = summary.as_json(wall=1.0)
     results.print_results(summary, figures, scenario=scenario, layout=scenario.layout)
     assert "window rejected: gap of 2 s" in written.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_the_status_is_asked_where_the_command_says_or_else_where_the_folder_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: bool
+) -> None:
+    (tmp_path / ENDPOINT_FILE).write_text("tcp/127.0.0.1:7001\n")
+    asked: list[object] = []
+    monkeypatch.setattr(zenoh_bus, "asked", lambda whom, _: asked.append(whom) or [b'{"a": 1}'])
+    options = ["--connect", "tcp/127.0.0.1:7002"] if named else ["--out", str(tmp_path)]
+    done = CliRunner().invoke(app, ["status", *options, "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == [{"a": 1}]
+    assert asked == ["tcp/127.0.0.1:7002" if named else "tcp/127.0.0.1:7001"]

@@ -19,6 +19,9 @@ FARM = """
 title = "Two towers, one of them with half the sensors"
 seed = 4
 
+[structure]  # which sensors are read does not depend on how well the structure is known
+uncertain = "exact"
+
 [farm]
 log_std = 0.02
 

@@ -21,6 +21,8 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import biaxial_layout
 from tests.pipeline.oma.conftest import structure
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 RATE = 20.0  # [Hz]
 START = 1_700_000_000 * NANOSECONDS
 LAYOUT = biaxial_layout("layout-1", turbine="t1", unit="tower", elevations=[80.0])

@@ -21,6 +21,8 @@ from tests.benchmarks import drift
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, cut
 from tests.pipeline.oma.conftest import structure
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 YEAR = 365.25 * 86_400.0  # [s]
 WINDOW = 60  # [s]
 Stamps = Callable[[int], float]  # block → how far its stamp is off [s]

@@ -9,6 +9,7 @@ from pipeline.messages import Mode
 from pipeline.oma.band_merging import merged
 from pipeline.oma.ssi.band_identification import mode_from_factor
 from pipeline.oma.ssi.bands import Band
+from sensors.arrays import FloatArray
 
 SHAPE = np.array([1.0, 0.5])
 STD = 1e-3  # [Hz]
@@ -17,16 +18,24 @@ SLOW = Band(decimation=8, sampling_rate=5.0, lowest=0.1, highest=1.9, orders=(2,
 FAST = replace(SLOW, decimation=1, sampling_rate=40.0, highest=16.0)
 
 
-def mode(frequency: float, column: int, *, std: float = STD, damping: float = 0.01) -> Mode:
+def mode(
+    frequency: float,
+    column: int,
+    *,
+    std: float = STD,
+    damping: float = 0.01,
+    shape: FloatArray = SHAPE,
+) -> Mode:
     """Known to `std`, its errors in one time block of its own."""
-    factor = np.zeros((4, 6))
+    n = 2 + len(shape)
+    factor = np.zeros((n, 6))
     factor[0, column], factor[1, column], factor[3, column] = std, DAMPING_STD, 0.01
     return mode_from_factor(
         frequency=frequency,
         damping_ratio=damping,
-        shape=SHAPE,
+        shape=shape,
         block_factor=factor,
-        own_factor=np.zeros((4, 2)),
+        own_factor=np.zeros((n, 2)),
         phase_collinearity=1.0,
         presence=1.0,
     )
@@ -99,3 +108,24 @@ def test_what_few_orders_agree_upon_needs_a_second_rate_to_be_steady() -> None:
     assert not steady([[few], [few]], [SLOW, high_passed])
     assert steady([[few], [few]], [SLOW, FAST])
     assert steady([[few], [most]], [SLOW, high_passed])
+
+
+LOWER_SHAPE, UPPER_SHAPE = np.array([1.0, 0.5, 0.2]), np.array([0.6, 1.0, -0.4])
+
+
+def between(shape: FloatArray, std: float) -> tuple[Mode, ...]:
+    """What a mode of the fast band at 1.05 Hz is taken for a mixture of; the slow one has two."""
+    two = [mode(1.0, 0, shape=LOWER_SHAPE), mode(1.08, 1, shape=UPPER_SHAPE)]
+    fast = mode(1.05, 2, std=std, shape=shape)
+    return merged([two, [fast]], [SLOW, FAST])[1].between
+
+
+def test_what_short_lags_see_between_two_modes_that_longer_lags_resolve_is_their_mixture() -> None:
+    mixed = 0.6 * LOWER_SHAPE + 0.4 * UPPER_SHAPE
+    assert [each.frequency for each in between(mixed, std=3 * STD)] == [1.0, 1.08]
+
+
+def test_a_shape_of_its_own_or_a_frequency_known_better_is_no_mixture() -> None:
+    mixed = 0.6 * LOWER_SHAPE + 0.4 * UPPER_SHAPE
+    assert between(np.array([0.1, 0.3, 1.0]), std=3 * STD) == ()
+    assert between(mixed, std=0.5 * STD) == ()

@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
+from pipeline.messages import Mode
 from pipeline.oma import close_modes
 from pipeline.oma.data_quality.transients import loudest_octave
 from pipeline.oma.identification import identify
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from tests.benchmarks.close_modes import (
+    ambient,
     bending_pair,
     hidden_figures,
     lost_figures,
@@ -35,6 +39,34 @@ def test_triplets_are_not_lost_without_a_word() -> None:
         hidden = record.frequencies[:3]
         modes = identify(record.samples, record.sampling_rate).modes
         assert any(abs(m.frequency / hidden.mean() - 1) < 0.03 for m in modes)
+
+
+def test_the_flank_of_a_stronger_neighbour_of_its_shape_does_not_pull_a_mode() -> None:
+    """Four half bandwidths apart; the fit of a band that ended short of it began the pull."""
+    frequencies, damping = np.array([1.48, 1.58]), np.array([0.01, 0.015])
+    shapes = np.array([[1.0, 0.5, -0.3], [1.0, 0.7, -0.1]])
+    errors = []
+    for seed in range(6):
+        samples = ambient(
+            frequencies,
+            damping,
+            shapes,
+            8.0,
+            np.array([1.0, 3.0]),
+            0.1,
+            np.random.default_rng(seed),
+        )
+        pulled, neighbour = (
+            Mode("", f, 0.003, zeta, 0.002, shape, np.full((5, 1), 0.002), columns)
+            for f, zeta, shape, columns in zip(
+                frequencies + np.array([0.025, 0.0]), damping, shapes, (0, 1), strict=True
+            )
+        )
+        first = close_modes.beside_flanks(
+            [pulled, neighbour], WindowSpectrum(samples, 8.0), OmaSettings()
+        )[-1]
+        errors.append((first.frequency - frequencies[0]) / first.frequency_std)
+    assert np.sqrt(np.mean(np.square(errors))) < 1.6
 
 
 def test_a_ring_down_is_not_stationary_and_ambient_motion_is() -> None:

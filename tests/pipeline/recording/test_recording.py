@@ -3,6 +3,7 @@
 import struct
 import zlib
 from collections.abc import Callable
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from mcap.opcode import Opcode
 from pipeline.messages import FoundationTruth, Message, StreamEnd
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.info import recording_info
-from pipeline.recording.mcap_file import complete_records
+from pipeline.recording.mcap_file import complete_records, record_offsets
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import Recorder, RecorderSettings
 from pipeline.streams import STREAMS, stream_of
@@ -325,4 +326,16 @@ def test_a_clock_that_is_set_closes_the_open_chunk(tmp_path: Path, leap: int) ->
     now += leap
     recorder.handle(block(1))
     assert recorder.size > size
+    recorder.close()
+
+
+def test_a_clock_that_is_set_back_leaves_no_chunk_open_for_good(tmp_path: Path) -> None:
+    """A day back, then a few seconds more: what came before the step is on disk."""
+    path = tmp_path / "back.mcap"
+    recorder = Recorder(path, metadata=METADATA, clock=None, settings=RecorderSettings())
+    for number, time_ns in enumerate((START_NS, START_NS - 86_400 * SECOND)):
+        recorder.record(block(number), time_ns, time_ns)
+    recorder._file.flush()
+    on_disk = Path(f"{path}.active").read_bytes()
+    assert Opcode.CHUNK in [opcode for _, opcode in record_offsets(BytesIO(on_disk))]
     recorder.close()

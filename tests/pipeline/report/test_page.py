@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from pipeline.cli import app
 from pipeline.messages import FoundationTruth, ModalEstimate, RefusedMode, StabilisationDiagram
 from pipeline.recording.errors import RecordingError
 from pipeline.report.figures_json import session_json
-from pipeline.report.page import page, write_page
+from pipeline.report.page import _provenance, page, write_page
 from pipeline.report.recorded_session import RecordedSession, read_session
+from pipeline.report.wording import between_instants
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 from tests.pipeline.example_messages import LAYOUT, START_NS, block
@@ -189,3 +191,11 @@ def test_a_track_names_the_mode_of_the_model_that_it_is_paired_with(one: Path) -
     (turbine,) = session_json(read_session(one))["turbines"]
     models = {each["name"]: each["model"] for each in turbine["frequency_tracks"]}
     assert any(models.values())
+
+
+def test_a_session_lasts_from_its_first_turbines_beginning_to_its_last_ones_end() -> None:
+    hours = [h * 3600 * NANOSECONDS for h in (1, 2, 5, 9)]
+    spans = ((hours[0], hours[2]), (hours[1], hours[3]))
+    records = [SimpleNamespace(span_ns=each) for each in spans]
+    session = SimpleNamespace(turbines=records, metadata={}, files=[Path("a")], name="a", unread=())
+    assert between_instants(hours[0], hours[3]) in _provenance(session)

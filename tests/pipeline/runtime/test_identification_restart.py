@@ -35,6 +35,8 @@ from tests.pipeline.nodes.test_identification import LAYOUT, RATE, cut
 from tests.pipeline.nodes.test_wrong_clocks import YEAR, of_two_units
 from tests.pipeline.oma.conftest import structure
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 SETTINGS = OmaSettings(window_duration=60.0, hop=30.0)
 
 

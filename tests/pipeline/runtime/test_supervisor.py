@@ -159,3 +159,16 @@ def test_a_node_is_quiet_after_saying_the_same_for_seconds() -> None:
     assert not quiet.of_all(["recorder", "updating"])
     quiet.note(status("recorder", received={"AccelerationBlock": 3}))
     assert not quiet.of_all(["recorder"])
+
+
+def test_the_pipe_to_a_node_that_has_ended_is_closed() -> None:
+    """A session that starts nodes again and again would run out of file descriptors."""
+    process = SupervisedProcess(Listener, SLEEPS, back_off=BackOff(first=0.0))
+    process.start()
+    killed = process._process
+    assert killed is not None
+    assert killed.stdin is not None
+    killed.kill()
+    assert eventually(has_ended(process))
+    assert killed.stdin.closed
+    process.stop()

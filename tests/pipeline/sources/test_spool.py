@@ -134,3 +134,13 @@ def test_a_source_has_a_folder_of_its_own_whose_name_has_no_secret() -> None:
     assert "secret" not in str(one)
     assert one != default_folder("mqtt://broker/y", {"STATE_DIRECTORY": "/var/lib/a"})
     assert default_folder("udp://:1", {"XDG_STATE_HOME": "/s"}).parent == Path("/s/pilewatch/spool")
+
+
+def test_a_block_is_read_back_before_anything_was_synced(tmp_path: Path) -> None:
+    """What waits for the shore is sent from the file that is still being written."""
+    spool = filled(tmp_path, 1)
+    (kept,) = spool.waiting()
+    read = spool.read(kept)
+    assert read is not None
+    assert encode(read) == encode(block(0))
+    assert spool.damaged == 0

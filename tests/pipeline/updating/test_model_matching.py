@@ -96,3 +96,17 @@ def test_the_water_is_taken_out_at_the_stiffness_that_is_found_without_it():
     match = matcher(tower).matched(evidence)
     assert [mode.frequency for mode in match.evidence.modes] == pytest.approx(dry, rel=0.02 / 30)
     assert match.peak.ratios == pytest.approx(truth, abs=0.005)
+
+
+def test_water_is_taken_out_no_more_often_than_the_stiffness_moves():
+    matching, evidence, rounds = matcher(), evidence_of(2), []
+    pairing = matching._search.best(matching._targets(evidence), np.ones(3))
+    refined = matching._search.refined
+
+    def noted(*given):
+        rounds.append(given)
+        return refined(*given)
+
+    matching._search.refined = noted
+    matching._out_of_water(evidence, pairing, TOWER.following(pairing.ratios * TOWER.nominal))
+    assert 1 <= len(rounds) <= 2

@@ -39,6 +39,8 @@ from tests.pipeline.histories import DigestIdentifier
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut
 from tests.pipeline.oma.conftest import structure
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 DAY = 86_400  # [s]
 
 

@@ -28,6 +28,8 @@ from sensors.simulation.acquisition_units import (
 from tests.pipeline.histories import DigestIdentifier
 from tests.pipeline.oma.conftest import KnownStructure, structure
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 RATE = 20.0
 WINDOW = 300  # [s]
 ONE = WINDOW + 4  # blocks that hold one window on every clock

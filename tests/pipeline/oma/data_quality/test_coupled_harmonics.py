@@ -34,3 +34,15 @@ def test_a_turning_rotor_of_unknown_speed_is_a_warning() -> None:
     warnings = identify(samples, record.sampling_rate).warnings
     (text,) = [each.text for each in warnings if each.code == "harmonic"]
     assert f"{passing:.2g}" in text
+
+
+def test_a_burst_whose_lines_keep_one_phase_is_no_machine_that_turns() -> None:
+    """The same two lines, for a minute of ten: the amplitude is not a rotor's."""
+    rate, n = 10.0, 6000
+    times = np.arange(n) / rate
+    angle = 2 * np.pi * 0.3 * times
+    steady = np.outer(np.cos(angle) + 0.3 * np.cos(2 * angle + 1), [1.0, -0.5])
+    burst = steady * np.exp(-(((times - 300) / 30) ** 2))[:, None]
+    noise = 0.05 * np.random.default_rng(2).standard_normal((n, 2))
+    assert coupled_harmonics(steady + noise, rate) is not None
+    assert coupled_harmonics(burst + noise, rate) is None

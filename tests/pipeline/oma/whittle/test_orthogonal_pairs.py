@@ -1,11 +1,15 @@
 """Two modes that a window does not resolve, perpendicular to each other, under unlike loads."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from pipeline.messages import Mode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.groups import Group, Suspect, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from pipeline.oma.whittle.orthogonal_pairs import _turn
+from pipeline.oma.whittle.spectral_model import CloseModes, n_inner
 from pipeline.oma.whittle.spectral_peaks import peaks_of_two
 from sensors.arrays import FloatArray
 from tests.benchmarks.close_modes import ambient
@@ -70,3 +74,27 @@ def test_a_mode_alone_is_no_peak_of_two_directions() -> None:
             np.random.default_rng(seed),
         )
         assert peaks_of_two(WindowSpectrum(samples, RATE), []) == []
+
+
+def test_a_turn_of_two_axes_moves_each_shape_towards_the_others_unit_vector() -> None:
+    """Channels in unlike units: e_1 + ε e_2 is meant of the shapes as they were measured."""
+    generator = np.random.default_rng(4)
+    shapes, scales = generator.uniform(-1, 1, (5, 2)), generator.uniform(0.5, 2.0, 5)
+    start = CloseModes(
+        positions=np.array([10.0, 11.0]),
+        half_widths=np.array([0.5, 0.5]),
+        shapes=shapes,
+        forces=np.eye(2, dtype=complex),
+        colours=np.zeros(2),
+        noise=np.eye(5),
+    ).normalised()
+    turn = _turn(start, SimpleNamespace(scales=scales))
+    step = 1e-6
+    moves = turn[n_inner(2) :].reshape(2, 4)
+    units = start.shapes * scales[:, None]
+    units /= np.linalg.norm(units, axis=0)
+    for own, other, sign in ((0, 1, step), (1, 0, -step)):
+        turned = (units[:, own] + sign * units[:, other]) / scales
+        turned /= turned[start.units[own]]
+        moved = np.delete(turned - start.shapes[:, own], start.units[own])
+        np.testing.assert_allclose(moved, step * moves[own], rtol=1e-4, atol=1e-12)

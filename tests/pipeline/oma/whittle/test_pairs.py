@@ -32,3 +32,9 @@ def test_frequencies_of_a_pair_are_known_to_half_a_line_at_best() -> None:
     axes = along_axes(fit, band, (0, 1), np.zeros((n_parameters, 1)))
     for mode in (axes.stronger, axes.weaker):
         assert mode.frequency_std * band.duration == pytest.approx(0.5, rel=0.1)
+
+
+def test_axes_that_mean_frequencies_tell_apart_are_turned_by_what_these_leave() -> None:
+    """Amplitudes 1 and .2, an angle of .1 in units of each: .02 of one, .5 of the other."""
+    partner = Partner(np.ones(2), power_share=0.04, noise_share=0.0, turn=0.1)
+    assert partner.turns == pytest.approx((0.02, 0.5))

@@ -152,3 +152,16 @@ def test_one_late_stamp_moves_no_sample() -> None:
             stream.push(replace(each, start_ns=each.start_ns + 20_000_000 * (k == late)))
         position = stream.position_at(59 * NANOSECONDS)
         assert position == pytest.approx(59 * RATE, abs=0.1)  # 20 ms are .8 samples
+
+
+def test_one_stamp_that_is_late_moves_the_samples_by_its_share_of_all_stamps() -> None:
+    """Of 60 stamps the first is 6 ms late: a line through all of them moves by a tenth at most."""
+    exact, disturbed = UnitStream(block("lower", 0), 1), UnitStream(block("lower", 0), 1)
+    for second in range(60):
+        piece = block("lower", second)
+        exact.push(piece)
+        late = replace(piece, start_ns=piece.start_ns + 6_000_000 * (second == 0))
+        disturbed.push(late)
+    asked = 30 * NANOSECONDS
+    moved = (disturbed.position_at(asked) - exact.position_at(asked)) / RATE
+    assert 0 < abs(moved) < 0.6e-3

@@ -74,3 +74,18 @@ def test_a_change_after_which_nothing_could_stand_keeps_its_first_size():
     state = ChangeState()
     again = measured_half_way(found, state, DETECTOR, TOWER, PRIOR, before=BEFORE, pairs=PAIRS)
     assert again is found
+
+
+def test_slopes_that_one_track_lacks_half_way_leave_the_size_as_it_was():
+    """Where one of the modes has no slope there, no size is made of NaN."""
+
+    def lacking(modes, prior, ratios):
+        slopes = stiffness_slopes(modes, prior, ratios)
+        if not np.array_equal(ratios, BEFORE):
+            slopes[0] = np.nan
+        return slopes
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.updating.change.midpoint_slopes.stiffness_slopes", lacking)
+        straight, half_way = measured(np.random.default_rng(31), std=1e-4)
+    np.testing.assert_array_equal(half_way.step.ratios, straight.step.ratios)

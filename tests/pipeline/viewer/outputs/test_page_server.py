@@ -96,3 +96,10 @@ def test_the_page_names_no_address_outside_this_machine():
 def test_an_address_cannot_break_out_of_its_place_in_the_page():
     text = page_contents(['"><script>alert(1)</script>'])["/"][0].decode()
     assert "<script>alert" not in text
+
+
+def test_nothing_is_kept_by_the_browser_for_another_session():
+    with page() as address:
+        for path in ("", "/re_viewer_bg.wasm"):
+            with urllib.request.urlopen(address + path, timeout=20.0) as answer:
+                assert answer.headers["Cache-Control"] == "no-cache"
