@@ -1,4 +1,4 @@
-"""Pictures over operation: spectrogram, control charts, frequencies against tide and wind, Campbell diagram.
+"""Pictures over operation: spectrogram, control charts, frequencies against tide, wind and rotor.
 
 Every function returns an SVG text, or "" where there is nothing to draw.
 """
