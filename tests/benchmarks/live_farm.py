@@ -8,7 +8,7 @@
 Every turbine sends another part of the shipped recording (60 min, 40 Hz, 8 channels). Memory is the
 proportional set size of the session and its children, read every five seconds. A window is late
 when its posterior is recorded after the next window's end. The publisher is no part of the session.
-`--hurry 15` sends all but a window's last 30 s at fifteen times that speed: what is held in memory and
+`--hurry 15` sends all but a window's last 30 s at fifteen times that speed: what memory holds and
 what there is to do when all windows end at once are the same, ten minutes sooner.
 """
 
