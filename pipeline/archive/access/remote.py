@@ -1,4 +1,4 @@
-"""Recordings behind a URL: s3://, gs://, az:// and whatever else fsspec opens (extra `s3` for S3).
+"""Recordings behind a URL: s3://, gs://, az:// and whatever else fsspec opens.
 
     reprocess 's3://bucket/t07/**/*.mcap'
         │ listing: names, sizes, tags of content
@@ -103,8 +103,7 @@ def _system(url: str) -> Any:
     try:
         return import_module("fsspec").filesystem(scheme)
     except ImportError as error:
-        extra = "pip install 'pilewatch[s3]'" if scheme == "s3" else _sentence(error)
-        raise InputError(f"{url}: {scheme}:// needs a package: {extra}") from error
+        raise InputError(f"{url}: {scheme}:// needs a package: {_sentence(error)}") from error
     except ValueError as error:
         raise InputError(f"{url}: {_sentence(error)}") from error
 
