@@ -26,6 +26,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +77,7 @@ def main(arguments: list[str]) -> None:
         keep(name, figures, command=command, depends=("pipeline", "sensors"))
 
 
-def measured(chosen: argparse.Namespace, folder: Path) -> dict[str, float]:
+def measured(chosen: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Run a session that hears the turbines."""
     scenario, out, endpoint = folder / "farm.toml", folder / "out", free_endpoint()
     text = SCENARIO.format(turbines=chosen.turbines) + (EXACT if chosen.exact else "")
@@ -85,7 +86,7 @@ def measured(chosen: argparse.Namespace, folder: Path) -> dict[str, float]:
     command += ["--no-rrd", "--scenario", str(scenario), "--listen", endpoint, "--out", str(out)]
     command += ["--shards", str(chosen.shards)]
     session = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    memory: list[float] = []
+    memory: list[dict[str, float]] = []
     done = threading.Event()
     watching = threading.Thread(target=watch, args=(session.pid, memory, done), daemon=True)
     watching.start()
@@ -116,7 +117,11 @@ def measured(chosen: argparse.Namespace, folder: Path) -> dict[str, float]:
         "rejected": rejected,
         "late": expected - rejected - int((lags < period).sum()),
         "longest_lag_s": round(float(lags.max(initial=0.0)), 1),
-        "largest_pss_gb": round(max(memory) / 1e9, 3),
+        "largest_pss_gb": round(max(sum(each.values()) for each in memory) / 1e9, 3),
+        "pss_mb_by_process": {
+            name: round(value / 1e6)
+            for name, value in max(memory, key=lambda each: sum(each.values())).items()
+        },
         "cpu_s_of_session": round(resource_of_children(), 1),
     }
 
@@ -161,10 +166,20 @@ def recorded() -> tuple[SensorLayout, list[AccelerationBlock]]:
     return layout, [each for each in messages if isinstance(each, AccelerationBlock)]
 
 
-def watch(session: int, memory: list[float], done: threading.Event) -> None:
+def watch(session: int, memory: list[dict[str, float]], done: threading.Event) -> None:
     """Note the memory of a process and its descendants [bytes]."""
     while not done.wait(5.0):
-        memory.append(sum(pss(each) for each in descendants(session)))
+        memory.append({name_of(each): pss(each) for each in descendants(session)})
+
+
+def name_of(process: int) -> str:
+    """Its command, from `run` or `node` on, and its number."""
+    try:
+        words = Path(f"/proc/{process}/cmdline").read_text("utf-8").split("\0")
+    except OSError:
+        words = []
+    node = words[words.index("node") + 1] if "node" in words else "run"
+    return f"{node} {process}"
 
 
 def descendants(process: int) -> Iterator[int]:
