@@ -39,6 +39,20 @@ class Variable:
     """What reads it."""
 
 
+@dataclass(frozen=True, slots=True)
+class SeenVariable:
+    """A variable of a server and what it holds."""
+
+    path: str
+    """Browse names from below Objects, joined by full stops."""
+    node_id: str
+    """As an address writes it."""
+    content: Any
+    """Its present value; None if it has none."""
+    time_ns: int | None
+    """When that was measured [ns since 1970-01-01 UTC]."""
+
+
 def is_node_id(text: str) -> bool:
     """Whether a text is written as a node id is."""
     return _NODE_ID.fullmatch(text) is not None
