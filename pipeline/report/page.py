@@ -191,8 +191,8 @@ def structure_sentence(posterior: FoundationPosterior) -> str:
             "in these intervals."
         )
     parts = [
-        f"{each.name.replace('_', ' ')} {100 * each.k11:.0f}, {100 * each.k22:.0f} and "
-        f"{100 * each.k12:.0f} %"
+        f"{each.name.replace('_', ' ')} ({100 * each.k11:.0f}, {100 * each.k22:.0f} and "
+        f"{100 * each.k12:.0f} %)"
         for each in posterior.budget[:4]
     ]
     alternatives = ", ".join(
