@@ -176,7 +176,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("publish --source simulate:parked --speed fast", "--speed fast"),
     # node
     ("node", "Missing argument 'name"),
-    ("node recorder --out noise.csv", "--out noise.csv is a file; a folder is needed"),
+    ("node recorder --out noise.csv", "--out noise.csv: File exists; a folder is needed"),
     ("node updater", "'updater' is not one of"),
     ("node updating --recording gone.mcap", "gone.mcap"),
     ("node updating --scenario gone", "'gone' is neither"),
