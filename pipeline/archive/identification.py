@@ -8,7 +8,9 @@ have changed place.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from pathlib import Path
 
+from pipeline.archive.access.remote import on_disk
 from pipeline.archive.compact import kept_frames
 from pipeline.archive.plan import IdentificationTask, Piece
 from pipeline.archive.store import StoredFrame, key_of_result
@@ -107,19 +109,25 @@ def _as_recorded(task: IdentificationTask) -> Iterator[Message]:
     """The same in the order of recording."""
     if task.before is not None:
         since = task.start_ns - round(SCADA_BEFORE * NANOSECONDS)
-        for sample in remaining_messages(task.before, (ScadaSample,)):
+        for sample in messages_of(task.before, (ScadaSample,)):
             if _is_of(sample, task.turbine) and since <= message_time(sample) < task.start_ns:
                 yield sample
     if not task.pieces:
-        everything = remaining_messages(task.path, READ)
+        everything = messages_of(task.path, READ)
         yield from (each for each in everything if _is_of(each, task.turbine))
     for path in dict.fromkeys(piece.path for piece in task.pieces):
         pieces = [piece for piece in task.pieces if piece.path == path]
-        for message in remaining_messages(path, READ):
+        for message in messages_of(path, READ):
             if isinstance(message, AccelerationBlock):
                 yield from _wanted(message, task.turbine, pieces)
             elif _is_of(message, task.turbine) and _within(message, task):
                 yield message
+
+
+def messages_of(path: Path, types: tuple[type[Message], ...]) -> Iterator[Message]:
+    """Yield what can be read of a file, wherever it lies."""
+    with on_disk(path) as file:
+        yield from remaining_messages(file, types)
 
 
 def _is_of(message: Message, turbine: str) -> bool:

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pipeline.archive.access.remote import url_of
 from pipeline.archive.history.months import tables_in
 from pipeline.archive.history.turbine_history import TurbineHistory
 from pipeline.archive.identification import identified_frames
@@ -101,6 +102,10 @@ def _in_turn(histories: Sequence[TurbineHistory]) -> Iterator[Call | None]:
             yield None
 
 
+def _named(path: Path) -> str:
+    return url_of(path) or str(path)
+
+
 class _Reprocessing:
     """One run over an archive."""
 
@@ -137,7 +142,7 @@ class _Reprocessing:
         calls = (Call(f"survey-{path}", surveyed, path) for path in files if known[path] is None)
         for done, outcome in enumerate(self._workers.outcomes(calls), start=len(found) + 1):
             if isinstance(outcome.result, Failed):
-                self._fail(str(outcome.call.argument), outcome.result)
+                self._fail(_named(outcome.call.argument), outcome.result)
             else:
                 found.append(outcome.result)
                 cache.put(outcome.result.path, outcome.result)
@@ -146,7 +151,7 @@ class _Reprocessing:
         found.sort(key=lambda survey: survey.path)
         originals, copies = without_copies(found)
         self._report.salvaged += [
-            FileFailure(str(survey.path), survey.damage) for survey in originals if survey.damage
+            FileFailure(_named(survey.path), survey.damage) for survey in originals if survey.damage
         ]
         self._report.copies = tuple(copy.path for copy in copies)
         return originals

@@ -19,6 +19,13 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from pipeline.archive.access.remote import (
+    is_remote,
+    on_disk,
+    remote_files,
+    remote_stamp,
+    url_of,
+)
 from pipeline.archive.store import packed, unpacked
 from pipeline.messages import StreamGap
 from pipeline.recording.atomic_write import written_whole
@@ -107,6 +114,8 @@ def archive_files(patterns: Iterable[str]) -> tuple[Path, ...]:
 
 
 def _named(pattern: str) -> list[Path]:
+    if is_remote(pattern):
+        return remote_files(pattern)
     path = Path(pattern)
     if path.is_file():
         return [path]
@@ -117,8 +126,9 @@ def _named(pattern: str) -> list[Path]:
 
 def surveyed(path: Path) -> FileSurvey:
     """Fingerprint, parts and layouts of a file. Raises RecordingError where it cannot be read."""
-    info = salvageable_info(path)
-    fingerprint = fingerprint_of(path)
+    with on_disk(path) as file:
+        info = replace(salvageable_info(file), path=path)
+        fingerprint = fingerprint_of(file)
     parts = [_part(info, unit, fingerprint) for unit in info.units]
     return FileSurvey(
         path=path,
@@ -197,7 +207,7 @@ class SurveyCache:
 
     def get(self, path: Path) -> FileSurvey | None:
         """The survey of a file as it is now; None if there is none."""
-        stamp, known = _stamp(path), self._files.get(os.path.abspath(path))
+        stamp, known = _stamp(path), self._files.get(_name(path))
         if known is None or stamp is None or [*stamp] != known[:2]:
             return None
         try:
@@ -209,7 +219,7 @@ class SurveyCache:
         """Keep a survey; a disk sees it now and then."""
         stamp = _stamp(path)
         if stamp is not None:
-            self._files[os.path.abspath(path)] = [*stamp, self._entry(survey)]
+            self._files[_name(path)] = [*stamp, self._entry(survey)]
             self._unsaved += 1
         if self._unsaved >= max(UNSAVED, len(self._files) // 10):
             self.close()
@@ -257,8 +267,14 @@ class SurveyCache:
         return self._layouts[name]
 
 
+def _name(path: Path) -> str:
+    return url_of(path) or os.path.abspath(path)
+
+
 def _stamp(path: Path) -> tuple[int, int] | None:
-    """Size [bytes] and time of the last change [ns]; None where the file is gone."""
+    """Size [bytes] and time of the last change [ns], behind a URL a tag; None where it is gone."""
+    if url := url_of(path):
+        return remote_stamp(url)
     try:
         status = os.stat(path)
     except OSError:

@@ -3,6 +3,7 @@
 import json
 import os
 import threading
+import time
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -84,7 +85,11 @@ def feed(
     keep: KeepOption = True,
     spool_megabytes: SpoolMegabytesOption = 500.0,
     sniff: Annotated[
-        bool, typer.Option("--sniff", help="Print what comes and a mapping that reads it (MQTT).")
+        bool,
+        typer.Option(
+            "--sniff",
+            help="Print what comes and a mapping that reads it (MQTT), or the variables (OPC UA).",
+        ),
     ] = False,
     connect: ConnectOption = None,
     listen: ListenOption = None,
@@ -146,10 +151,14 @@ def _spool(folder: Path | None, source: str, megabytes: float) -> "Spool | None"
 
 def _sniff(address: str, seconds: float) -> None:
     """Print topics, channels and a mapping of what comes in some seconds."""
+    from sensors.feeds.address import parsed
     from sensors.feeds.open_feed import captured_messages
     from sensors.feeds.payloads.sniff import sniffed
     from sensors.feeds.protocol import printable
 
+    if parsed(address).scheme.endswith("opcua"):
+        _list_variables(address)
+        return
     with stop_on_signals() as stopping:
         messages = captured_messages(address, seconds, stopping)
     if not messages:
@@ -169,6 +178,28 @@ def _sniff(address: str, seconds: float) -> None:
         markup=False,
     )
     output.print(_advice(found.mapping, found.toml), markup=False)
+
+
+def _list_variables(address: str) -> None:
+    """Print an OPC UA server's variables: path, node id, present value and its age."""
+    from sensors.acquisition.blocks import NANOSECONDS
+    from sensors.feeds.open_feed import listed_variables
+    from sensors.feeds.protocol import printable
+
+    found = listed_variables(address)
+    if not found:
+        raise InputError(f"{address}: the server has no variable that this user can see")
+    for each in found:
+        age = (
+            "no time"
+            if each.time_ns is None
+            else (f"{max(0.0, time.time() - each.time_ns / NANOSECONDS):.1f} s ago")
+        )
+        content = printable(str(each.content), 40)
+        output.print(
+            f"{printable(each.path, 60)}  {printable(each.node_id, 60)}  {content}  {age}",
+            markup=False, highlight=False, soft_wrap=True,
+        )  # fmt: skip
 
 
 def _advice(mapping: str, toml: str) -> str:

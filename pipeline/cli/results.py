@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pipeline.cli.console import escape_markup, output
+from pipeline.cli.tables.cells import count_noun
 from pipeline.state.json_values import Json
 
 if TYPE_CHECKING:
@@ -39,7 +40,12 @@ def print_results(
     from pipeline.cli.tables.posteriors import figures_tables, misfit_table, posterior_table
     from pipeline.offline.model_modes import nearest_modes
 
-    output.print(identified_modes_table(summary.main.modes, figures["windows"]["identified"]))
+    identified = figures["windows"]["identified"]
+    if summary.main.modes:
+        output.print(identified_modes_table(summary.main.modes, identified))
+    else:
+        length = f"a window is {scenario.oma.window_duration:g} s long"
+        output.print(f"No modes: {count_noun(identified, 'window')} identified; {length}.")
     if not scenario.has_structure:
         output.print("Modes only: the scenario has no structural model.")
     elif summary.main.posterior is None:

@@ -193,7 +193,7 @@ def _session_options(
     from pipeline.run.options import SessionOptions
 
     if out.exists() and not out.is_dir():  # before anything is noted of the source
-        raise InputError(f"--out {out} is a file; a folder is needed")
+        raise InputError(f"--out {out}: File exists; a folder is needed")
     return SessionOptions(
         out=out,
         speed=speed_of(speed),

@@ -40,6 +40,7 @@ _log = logging.getLogger(__name__)
 YAML = (".yaml", ".yml")  # of WindIO
 DAT, BMI = ".dat", ".bmi"  # of ElastoDyn, of BModes
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
+LOWEST_RATE = 0.2  # of samples that can show a tower's or a floater's motion [Hz]
 WINDOW = 600.0  # length of an identified window, unless the record is shorter [s]
 
 
@@ -130,6 +131,11 @@ def start_project(
             "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
         )
     measurement = _measurement(files, channels, turbine, sampling_rate, dates)
+    if measurement.sampling_rate < LOWEST_RATE:
+        raise InputError(
+            f"{files[0]}: a value every {1 / measurement.sampling_rate:g} s is a mean, no motion; "
+            f"modes need samples, at least {LOWEST_RATE:g} a second"
+        )
     n_samples, still = _survey(measurement)
     if n_samples < measurement.sampling_rate:
         listed = ", ".join(str(file) for file in files)

@@ -191,8 +191,8 @@ def structure_sentence(posterior: FoundationPosterior) -> str:
             "in these intervals."
         )
     parts = [
-        f"{each.name.replace('_', ' ')} {100 * each.k11:.0f}, {100 * each.k22:.0f} and "
-        f"{100 * each.k12:.0f} %"
+        f"{each.name.replace('_', ' ')} ({100 * each.k11:.0f}, {100 * each.k22:.0f} and "
+        f"{100 * each.k12:.0f} %)"
         for each in posterior.budget[:4]
     ]
     alternatives = ", ".join(
@@ -340,10 +340,15 @@ def _identification(record: TurbineRecord, name: str, level: int) -> str:
 
 
 def _operation(record: TurbineRecord, name: str, level: int) -> str:
-    """Return the modes over time and operation; "" where there are too few windows."""
+    """Return samples and modes over time and operation; "" of a short recording."""
     charts = operation.control_charts(record)
     limits = f"; {operation.beyond_limits(record)}" if charts else ""
     pictures = (
+        (
+            operation.spectrogram(record),
+            "Spectrogram of all channels",
+            "Spectrogram: the densities of all channels of a unit together, over the recording.",
+        ),
         (
             charts,
             "Control charts of stiffnesses and frequencies",

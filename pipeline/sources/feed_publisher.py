@@ -324,7 +324,7 @@ class FeedAccount:
             )
         missing = self._live.missing_blocks
         if missing:
-            yield QualityWarning("gap", f"{name}: {missing} blocks are missing in its gaps")
+            yield QualityWarning("gap", f"{name}: blocks that are missing in its gaps: {missing}")
 
     def _name_unknown(self) -> None:
         """Log each channel that is left out once."""

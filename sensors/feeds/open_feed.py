@@ -1,5 +1,6 @@
 """The feed that an address names, with the unit that is put together of it, or its raw messages."""
 
+import asyncio
 import threading
 import time
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from sensors.feeds.assembly.assembler import WAIT, Assembler
 from sensors.feeds.csv_tail import CsvTailFeed
 from sensors.feeds.live import LiveFeed, batches
 from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
+from sensors.feeds.opcua.nodes import SeenVariable
 from sensors.feeds.opcua.opcua_feed import OpcUaFeed
 from sensors.feeds.opcua.scada_values import ScadaValueReader
 from sensors.feeds.opcua.values import ValueReader
@@ -119,6 +121,19 @@ class MessageCapture:
         return iter(())
 
 
+def listed_variables(text: str) -> list[SeenVariable]:
+    """What an OPC UA server has.
+
+    Raises
+    ------
+    FeedError
+        If the URL is no OPC UA feed's, or the server cannot be reached.
+    """
+    counts = FeedCounts()
+    feed = OpcUaFeed(parsed(text), (), ValueReader(counts, None, "first"), counts, once=True)
+    return asyncio.run(feed.variables())
+
+
 def captured_messages(
     text: str, seconds: float, stopping: threading.Event
 ) -> list[tuple[str, bytes]]:
@@ -140,7 +155,9 @@ def captured_messages(
     """
     address = parsed(text)
     if address.scheme != "mqtt":
-        raise FeedError(f"{text}: --sniff is for mqtt:// and mqtts://; others have one format")
+        raise FeedError(
+            f"{text}: --sniff is for mqtt://, mqtts:// and opcua://; others have one format"
+        )
     capture = MessageCapture()
     feed = MqttFeed(address, capture, FeedCounts(), once=True)
     deadline = time.monotonic() + seconds

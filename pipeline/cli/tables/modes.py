@@ -94,26 +94,34 @@ def nearest_modes_table(nearest: "Sequence[NearestMode]") -> Table:
 
 
 def model_modes_table(found: "ModelModes") -> Table:
-    """Return the model's modes beside the published frequencies."""
+    """Return the model's modes, beside the published frequencies of a description that has some."""
     description = found.model.description
     ratios = ", ".join(f"{ratio:g}" for ratio in found.ratios)
     table = table_of(
         f"{description.title or description.name}: modes at k11, k22, k12 = {ratios} × nominal "
         f"(sign of k12: {description.foundation.sign})"
     )
-    for heading in ("mode", "direction", "f [Hz]", "published [Hz]", "difference", "blade energy"):
+    modes = found.as_json()
+    compared = any(mode["table1_hz"] is not None for mode in modes)
+    published = ("published [Hz]", "difference") if compared else ()
+    for heading in ("mode", "direction", "f [Hz]", *published, "blade energy"):
         table.add_column(heading, justify="right")
-    for mode in found.as_json():
-        frequency, published = mode["frequency_hz"], mode["table1_hz"]
+    for mode in modes:
         table.add_row(
             mode["name"],
             mode["direction"],
-            f"{frequency:.4f}",
-            "" if published is None else f"{published:.4f}",
-            "" if published is None else f"{100 * (frequency / published - 1):+.2f} %",
+            f"{mode['frequency_hz']:.4f}",
+            *(_beside(mode["frequency_hz"], mode["table1_hz"]) if compared else ()),
             f"{100 * mode['blade_energy_share']:.0f} %",
         )
     return table
+
+
+def _beside(frequency: float, published: float | None) -> tuple[str, str]:
+    """A published frequency [Hz] and how far the model's is from it; empty where there is none."""
+    if published is None:
+        return "", ""
+    return f"{published:.4f}", f"{100 * (frequency / published - 1):+.2f} %"
 
 
 def structure_tables(figures: "StructureFigures") -> list[Table]:

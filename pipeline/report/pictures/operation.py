@@ -1,4 +1,4 @@
-"""Pictures over operation: control charts, frequencies against tide and wind, Campbell diagram.
+"""Pictures over operation: spectrogram, control charts, frequencies against tide, wind and rotor.
 
 Every function returns an SVG text, or "" where there is nothing to draw.
 """
@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate
 from pipeline.report.canvas import INK, css_colour, page_figure
-from pipeline.report.pictures.axes import datetimes, mark_events, time_axis, unbroken
+from pipeline.report.pictures.axes import (
+    datetimes,
+    frequency_axis,
+    mark_events,
+    time_axis,
+    unbroken,
+)
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import ratios
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
@@ -25,6 +31,7 @@ CHARTED = 4  # modes with a control chart, and with panels against tide and wind
 LIMIT = 3.0  # of a control chart [standard deviations]; Shewhart (1931)
 SIGMA_OF_MAD = 1.4826  # standard deviation over median absolute deviation, normal distribution [-]
 FARTHEST_DRAWN = 4.0  # limits; what lies farther is a diamond at the edge [-]
+LEVELS_SHOWN = 60.0  # of a spectrogram below its largest density [dB]
 HARMONICS = (1, 3, 6)  # of the rotor speed, three blades
 LOWEST_ROTOR_SPEED = 0.5  # of a turning rotor [rpm]
 SMALLEST_RANGE = {"water_level": 0.2, "wind_speed": 1.0}  # over which a dependence shows [m, m/s]
@@ -43,6 +50,32 @@ class ControlLimits:
     def outside(self, values: FloatArray) -> FloatArray:
         """(n,) bool: which values lie outside the limits."""
         return np.asarray(np.abs(values - self.centre) > LIMIT * self.deviation)
+
+
+def spectrogram(record: TurbineRecord) -> str:
+    """Draw the densities of all channels together over time and frequency, of the first unit."""
+    for unit in sorted(record.state.layouts):
+        samples = record.signals.samples.get(unit)
+        found = None if samples is None else samples.spectrogram.picture()
+        if samples is None or found is None:
+            continue
+        edges_ns, densities = found
+        level = 10 * np.log10(np.maximum(densities, np.finfo(float).tiny))
+        top = float(np.nanmax(level))
+        with page_figure(3.2) as page:
+            axes = page.figure.subplots()
+            image = axes.pcolormesh(
+                datetimes(edges_ns), samples.spectrogram.edges, level, cmap="cividis",
+                vmin=top - LEVELS_SHOWN, vmax=top, rasterized=True,
+            )  # fmt: skip
+            axes.grid(visible=False)
+            frequency_axis(axes, "y")
+            time_axis(axes, (int(edges_ns[0]), int(edges_ns[-1])))
+            scale = page.figure.colorbar(image, ax=axes, label="density below the largest [dB]")
+            below = (60, 40, 20, 0)
+            scale.ax.set_yticks([top - each for each in below], [str(each) for each in below])
+            return page.svg()
+    return ""
 
 
 def control_limits(values: FloatArray, n_reference: int) -> ControlLimits:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Message, StabilisationDiagram
+from pipeline.report.pictures.spectrogram import Spectrogram
 from pipeline.viewer.pictures.spectrum import SEGMENT, power_spectral_densities
-from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.arrays import FloatArray
 
 SHORTEST_SEGMENT = 10.0  # of a recording shorter than one segment [s]
@@ -39,9 +40,12 @@ class ChannelRecord:
     """[Hz]"""
     n_segments: int = 0
     """Segments in the spectra."""
+    spectrogram: Spectrogram = field(default_factory=Spectrogram)
+    """Of its segments over time."""
     _densities: FloatArray | None = None
     _segment: list[NDArray[np.float32]] = field(default_factory=list)
     _next_sample: int = -1
+    _end_ns: int = 0
     _count: int = 0
     _finite: FloatArray = field(default_factory=lambda: np.zeros(0))
     _sums: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -60,6 +64,7 @@ class ChannelRecord:
         if block.first_sample != self._next_sample or not np.isfinite(samples).all():
             self._segment.clear()
         self._next_sample = block.first_sample + len(samples)
+        self._end_ns = block.end_ns
         if np.isfinite(samples).all():
             self._segment.append(samples)
             self._add_spectrum()
@@ -111,7 +116,9 @@ class ChannelRecord:
         if sum(len(samples) for samples in self._segment) < length:
             return
         joined = np.concatenate(self._segment)
-        _, densities = power_spectral_densities(joined[:length], self.sampling_rate)
+        frequencies, densities = power_spectral_densities(joined[:length], self.sampling_rate)
+        start_ns = self._end_ns - round(len(joined) / self.sampling_rate * NANOSECONDS)
+        self.spectrogram.add(start_ns, frequencies, densities.astype(np.float64))
         before = 0.0 if self._densities is None else self._densities
         self._densities = before + densities.astype(np.float64)
         self.n_segments += 1

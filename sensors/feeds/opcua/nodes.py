@@ -39,6 +39,20 @@ class Variable:
     """What reads it."""
 
 
+@dataclass(frozen=True, slots=True)
+class SeenVariable:
+    """A variable of a server and what it holds."""
+
+    path: str
+    """Browse names from below Objects, joined by full stops."""
+    node_id: str
+    """As an address writes it."""
+    content: Any
+    """Its present value; None if it has none."""
+    time_ns: int | None
+    """When that was measured [ns since 1970-01-01 UTC]."""
+
+
 def is_node_id(text: str) -> bool:
     """Whether a text is written as a node id is."""
     return _NODE_ID.fullmatch(text) is not None
@@ -159,9 +173,9 @@ def chosen(name: str, variables: list[Variable]) -> Variable:
         return (exact or fitting)[0]
     if fitting:
         raise FeedError(f"the server has several variables {name!r}: {_listed(fitting)}")
-    paths = [each.path for each in variables]
-    near = difflib.get_close_matches(name, paths, NAMED_VARIABLES, 0.3) or paths[:NAMED_VARIABLES]
-    known = _listed([each for each in variables if each.path in near]) or "none that can be seen"
+    near = difflib.get_close_matches(name, [each.path for each in variables], 3, 0.3)
+    nearest_first = sorted(variables, key=lambda each: each.path not in near)
+    known = _listed(nearest_first) or "none that can be seen"
     raise FeedError(
         f"the server has no variable {name!r}; it has {known}; a layout's `name` or ?nodes= "
         "names the right one"

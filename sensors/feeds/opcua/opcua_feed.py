@@ -31,9 +31,10 @@ from typing import Any, Protocol
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.opcua.history import NamedValue, history
-from sensors.feeds.opcua.nodes import declared_nodes, found_nodes
+from sensors.feeds.opcua.nodes import SeenVariable, declared_nodes, found_nodes, variables_of
 from sensors.feeds.opcua.security import check_security, secure
 from sensors.feeds.opcua.subscription import subscribed
+from sensors.feeds.opcua.values import content_of, stamp_ns
 from sensors.feeds.position import FeedPosition
 from sensors.feeds.protocol import Arrival, ArrivalQueue, ChannelSamples, FeedCounts, FeedError
 from sensors.feeds.reconnect import LinkError, kept_connected
@@ -128,6 +129,28 @@ class OpcUaFeed:
             await self._put(inbox, present)
             while True:
                 await self._put(inbox, await changes.batch())
+
+    async def variables(self) -> list[SeenVariable]:
+        """Every variable of the server with its present value.
+
+        Raises
+        ------
+        FeedError
+            If it cannot be reached.
+        """
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+        try:
+            async with self._connection() as client:
+                found = await variables_of(client)
+                values = await client.read_attributes([each.node for each in found])
+        except LinkError as error:
+            raise FeedError(f"{self.name} cannot be reached: {error}") from error
+        return [
+            SeenVariable(
+                each.path, each.node.nodeid.to_string(), content_of(value), stamp_ns(value)
+            )
+            for each, value in zip(found, values, strict=True)
+        ]
 
     async def _put(self, inbox: ArrivalQueue, values: Iterable[NamedValue]) -> None:
         """In order of time: a server sends one variable after the other."""

@@ -4,7 +4,7 @@
     01:59:59.95, 03:00:00.00      an hour ahead, in spring: no sample is missing
 
 Only a Sunday night's hour, to a minute when it goes back and to two samples when it goes ahead,
-is taken for it; any other step is what it seems.
+is taken for it; any other step is what it seems. Times of day without a date go on over midnight.
 """
 
 from dataclasses import dataclass, field
@@ -17,6 +17,8 @@ from sensors.constants import DAY
 
 HOUR = 3600 * NANOSECONDS  # [ns]
 SLACK = 60 * NANOSECONDS  # that may be missing where the clock goes back [ns]
+WHOLE_DAY = round(DAY) * NANOSECONDS  # [ns]
+LATE = HOUR  # that may be missing around midnight [ns]
 SUNDAY, THURSDAY = 6, 3  # days of a week from Monday; 1970-01-01 was a Thursday
 CHANGING_MONTHS = (3, 4, 9, 10, 11)  # in either hemisphere
 LATEST_HOUR = 4  # of the night in which clocks change [h]
@@ -56,6 +58,28 @@ class SummerTime:
         added = self._added + np.cumsum(np.where(change, np.where(back, HOUR, -HOUR), 0))
         self._last, self._added = int(stamps[-1]), int(added[-1])
         return np.asarray(stamps + added, dtype=np.int64)
+
+
+@dataclass(slots=True)
+class Midnights:
+    """Follows times of day without a date over midnight, batch by batch."""
+
+    _added: int = 0
+    """To the times from the last midnight on [ns]."""
+    _last: int | None = None
+
+    def continuous(self, times: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return times since the first day's midnight.
+
+        Parameters
+        ----------
+        times : ndarray, shape (n,)
+            Since midnight, n > 0 [ns].
+        """
+        steps = np.diff(times, prepend=times[0] if self._last is None else np.int64(self._last))
+        added = self._added + WHOLE_DAY * np.cumsum(steps + WHOLE_DAY <= LATE)
+        self._last, self._added = int(times[-1]), int(added[-1])
+        return np.asarray(times + added, dtype=np.int64)
 
 
 def _is_changing_night(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:

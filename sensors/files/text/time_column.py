@@ -22,7 +22,7 @@ from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.files.table import DateOrder
 from sensors.files.text.dates import DateError, DateStyle, kind_of_text
-from sensors.files.text.summer_time import SummerTime
+from sensors.files.text.summer_time import Midnights, SummerTime
 
 SECONDS_PER_UNIT = {
     "": 1.0,
@@ -162,6 +162,7 @@ class TextClock:
 
     _scale: Scale | None = None
     _style: DateStyle | None = field(default=None)
+    _midnights: Midnights = field(default_factory=Midnights)
     summer_time: SummerTime = field(default_factory=SummerTime)
     """Changes of a local clock that the dates run over."""
 
@@ -208,7 +209,9 @@ class TextClock:
             if self._style is None:
                 self._style = DateStyle.of(texts.to_pylist(), self.dates)
             stamps = self._style.nanoseconds(texts)
-            if self._style.dated and not self._style.zoned:
+            if not self._style.dated:
+                stamps = self._midnights.continuous(stamps)
+            elif not self._style.zoned:
                 stamps = self.summer_time.continuous(stamps)
             return self._of_nanoseconds(stamps, dated=self._style.dated)
         except DateError as error:

@@ -42,6 +42,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
         "wind.csv: no channel measures a motion of the structure: Wind (the wind)",
     ),
     ("identify wind.csv", "wind.csv"),
+    ("new means.csv -o made", "means.csv: a value every 600 s is a mean"),
     ("new no-time.csv -o made", "--sampling-rate"),
     ("new noise.csv -o made --structure gone.toml", "gone.toml"),
     ("new noise.csv -o made --structure iea15mw_monopile", "height and axis"),
@@ -175,7 +176,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("publish --source simulate:parked --speed fast", "--speed fast"),
     # node
     ("node", "Missing argument 'name"),
-    ("node recorder --out noise.csv", "--out noise.csv is a file; a folder is needed"),
+    ("node recorder --out noise.csv", "--out noise.csv: File exists; a folder is needed"),
     ("node updater", "'updater' is not one of"),
     ("node updating --recording gone.mcap", "gone.mcap"),
     ("node updating --scenario gone", "'gone' is neither"),
@@ -242,6 +243,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
         np.savetxt(place / f"{name}.csv", table, delimiter=",", header=header, comments="")
     wind = np.column_stack([np.arange(6000) / 50.0, 9.0 + noise[:, 0]])
     np.savetxt(place / "wind.csv", wind, delimiter=",", header="time [s],Wind [m/s]", comments="")
+    means = np.column_stack([np.arange(500) * 600.0, noise[:500]])
+    np.savetxt(
+        place / "means.csv", means, delimiter=",", header="time [s],z80-fa,z80-ss", comments=""
+    )
     np.savetxt(place / "no-time.csv", noise, delimiter=",", header="low,high", comments="")
     (place / "text.mcap").write_text("This is a text.")
     (place / "layout.toml").write_text(LAYOUT.format(second="high"))

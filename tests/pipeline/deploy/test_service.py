@@ -79,6 +79,9 @@ def test_the_compose_file_brings_up_a_session_with_prometheus_and_grafana() -> N
         for volume in service["volumes"]:
             source = volume.split(":")[0]
             assert (EXAMPLES / source).exists() if "." in source else source in compose["volumes"]
+    provided = yaml.safe_load((EXAMPLES / "grafana-dashboards.yaml").read_text())
+    folder = provided["providers"][0]["options"]["path"]
+    assert any(f":{folder}/" in each for each in services["grafana"]["volumes"])
     containerfile = EXAMPLES.parents[2] / services["session"]["build"]["dockerfile"]
     assert containerfile.is_file()
     scraped = yaml.safe_load((EXAMPLES / "prometheus.yaml").read_text())

@@ -22,7 +22,7 @@ from sensors.feeds.live import LiveFeed, Measured
 from sensors.feeds.opcua.nodes import Variable, chosen, declared_nodes
 from sensors.feeds.opcua.security import secure
 from sensors.feeds.opcua.values import OVERFLOW, ValueReader, nanoseconds_of
-from sensors.feeds.open_feed import open_feed
+from sensors.feeds.open_feed import listed_variables, open_feed
 from sensors.feeds.protocol import ChannelSamples, FeedCounts, FeedError
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.opcua_server import BEGIN, SPACE, OpcUaServer
@@ -228,6 +228,15 @@ def test_what_a_server_does_not_offer_is_one_line(
     client = SimpleNamespace(connect_and_get_server_endpoints=endpoints)
     with pytest.raises(FeedError, match=sentence):
         asyncio.run(secure(client, parsed(address)))
+
+
+def test_a_servers_variables_are_listed(server: OpcUaServer) -> None:
+    server.tower("L", ["ax"])
+    found = {each.path: each for each in listed_variables(f"opcua://127.0.0.1:{server.port}")}
+    assert found["L.ax"].node_id == "ns=2;s=L.ax"
+    assert (found["L.ax"].content, found["L.ax"].time_ns) == (0.0, nanoseconds_of(BEGIN))
+    with pytest.raises(FeedError, match="cannot be reached"):
+        listed_variables("opcua://127.0.0.1:1")
 
 
 @pytest.mark.parametrize("way", ["name", "file", "layout"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensors.files.text.summer_time import SummerTime
+from sensors.files.text.summer_time import Midnights, SummerTime
 
 STEP = 50_000_000  # [ns]
 
@@ -41,3 +41,17 @@ def test_the_hour_of_a_change_is_taken_off(
         np.testing.assert_array_equal(np.diff(read), steps)
     else:
         np.testing.assert_array_equal(read, written)
+
+
+@pytest.mark.parametrize("batch", [7, 40])
+def test_times_of_day_go_on_over_midnight(batch: int) -> None:
+    day = 86_400 * 10**9
+    times = day - 10 * STEP + STEP * np.arange(40)
+    clock = Midnights()
+    parts = [clock.continuous((times % day)[i : i + batch]) for i in range(0, 40, batch)]
+    np.testing.assert_array_equal(np.concatenate(parts), times)
+
+
+def test_times_of_day_that_go_back_otherwise_are_left() -> None:
+    times = np.array([5, 6, 3, 4]) * 3600 * 10**9
+    np.testing.assert_array_equal(Midnights().continuous(times), times)
