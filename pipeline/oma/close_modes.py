@@ -132,8 +132,8 @@ def beside_flanks(
 
     The band of a group ends short of its neighbours, whose flanks it takes for a flat background.
     Of a neighbour of much the same shape these pull a mode towards it: of 36 windows of a parked
-    tower (seeds 141101 to 141106) seven of 22 such modes lay 3.3 to 11 std off, and at most 1.9
-    after.
+    tower (seeds 141101 to 141106) seven of 22 such modes lay 3.3 to 11 std off; after, one did (4.4
+    std), whose shape is a mixture.
     """
     result = list(modes)
     for mode in modes:
