@@ -40,11 +40,10 @@ NOTHING_LEFT = 6.0  # rise of ln p that a mode more may promise: of 59 fits of `
 LEAST_COLOUR, MOST_COLOUR = -3.0, 5.5  # displacements have −1, accelerations 3; beyond, a slope of
 # the background
 SAME_SHAPE = 0.8  # MAC of the shapes by the poles and by the lines
-SHIFTED = (
-    3.5  # √(var(pole) − var(lines)) that the two may differ by (Hausman 1978, Econometrica 46:
-)
-# that is the std of their difference where the lines know most); of 180 modes of `structures`
-# (seeds 140001 to 140120) two differed by more, both were 6 and 9 attainable std wrong
+# √(var(pole) − var(lines)) that the two may differ by: the std of their difference where the lines
+# know most (Hausman 1978, Econometrica 46); of 180 modes of `structures` (seeds 140001 to 140120)
+# two differed by more, both were 6 and 9 attainable std wrong
+SHIFTED = 3.5
 POLES_SHARE = (
     0.3  # of the pole's std: of 64 modes of `records` (seeds 5021 to 5090) a 95 % interval
 )
