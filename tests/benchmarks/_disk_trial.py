@@ -5,6 +5,7 @@ rights and no disk of its own.
 """
 
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -62,6 +63,7 @@ def _run(recording: Path, out: Path, limit: int) -> "subprocess.CompletedProcess
     return subprocess.run(
         [*command, "--out", str(out), "--no-rrd", "--speed", "20"],  # a chunk is closed each second
         preexec_fn=partial(_limit_files, limit),
+        env=os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},  # a module cut at the limit stays so
         capture_output=True,
         text=True,
         check=False,

@@ -169,6 +169,7 @@ import resource, signal, sys
 from pathlib import Path
 sys.path.insert(0, {root!r})
 from tests.pipeline.recording.test_session_recorder import recorded
+sys.dont_write_bytecode = True  # a module cut at the limit would stay so
 resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
 recorder = recorded(Path({folder!r}), 200)
 print(recorder.lost, recorder.warnings[0].text)
