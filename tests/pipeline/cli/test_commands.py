@@ -340,7 +340,7 @@ def test_a_folder_that_is_a_file_is_one_line_for_a_node_too(
     (tmp_path / "file").write_text("x")
     with closing(ZenohBus(hub(endpoint := free_endpoint()))):
         result = pilewatch("node", "recorder", "--connect", endpoint, "--out", "file")
-    assert "--out file is a file; a folder is needed" in one_line(result)
+    assert "--out file: File exists; a folder is needed" in one_line(result)
 
 
 def test_a_client_that_knows_no_router_is_one_line(pilewatch: Command) -> None:
