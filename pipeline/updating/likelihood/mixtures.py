@@ -50,8 +50,8 @@ class _Neighbours:
     """s, (q,) [-]"""
     units: IndexArray
     """(q,) channel whose component is 1"""
-    sides: IndexArray
-    """(q,) number of the row, negative"""
+    rows: IndexArray
+    """(q,) number of the row: negative, of the neighbour"""
 
 
 def with_mixtures(found: ModeErrors) -> ModeErrors:
@@ -65,8 +65,8 @@ def with_mixtures(found: ModeErrors) -> ModeErrors:
     Returns
     -------
     ModeErrors
-        The rows of shares come last, numbered -1, -2, … with group and track of their mode: who
-        leaves a mode out leaves its shares out.
+        The rows of shares come last, numbered by the neighbour, −1 − its place, with group and
+        track of their mode: who leaves a mode out leaves its shares out.
     """
     near = _neighbours(found)
     n = len(near.stds)
@@ -88,7 +88,7 @@ def with_mixtures(found: ModeErrors) -> ModeErrors:
         groups=np.append(found.groups, near.observations),
         is_frequency=np.append(found.is_frequency, np.zeros(n, dtype=bool)),
         tracks=np.append(found.tracks, found.tracks[near.observations]),
-        rows=np.append(found.rows, near.sides),
+        rows=np.append(found.rows, near.rows),
         units=np.append(found.units, near.units),
     )
 
@@ -120,7 +120,7 @@ def _neighbours(found: ModeErrors) -> _Neighbours:
         distances=apart,
         stds=np.minimum(mixing * (damping / apart) ** 2, WIDEST_SHARE),
         units=units[observations],
-        sides=-1 - (others - others.min(initial=0)),
+        rows=-1 - others,
     )
 
 
