@@ -22,7 +22,7 @@ ARRAYS_REMEMBERED = 8  # of evidences: a fit compares one or two, hundreds of ti
 class ModeErrors:
     """The paired modes at one point: errors, their variances, and how they depend on u.
 
-    First the rows of all frequencies, then those of the shapes.
+    First the rows of all frequencies, those of the shapes, then shares of neighbours (`mixtures`).
     """
 
     pairing: Pairing
@@ -44,7 +44,7 @@ class ModeErrors:
     tracks: IndexArray
     """(p,) of the identified mode"""
     rows: IndexArray
-    """(p,) 0 for f, 1 + channel for a component of φ"""
+    """(p,) 0 for f, 1 + channel for a component of φ, negative for a neighbour's share"""
     units: IndexArray
     """(p,) channel whose component is 1 in the shape; 0 for f"""
     damping_ratios: FloatArray

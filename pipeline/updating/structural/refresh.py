@@ -167,6 +167,10 @@ class _Attempt:
         cost = self.result.best.peak.comparison.pairing.cost
         return refusal(self.paired_share, cost, guards)
 
+    def rank(self, guards: AcceptanceSettings) -> tuple[bool, float]:
+        """Of attempts that pair too few modes: an answer before a refusal, then who pairs most."""
+        return self.refusal(guards) is None, self.paired_share
+
 
 def _tried(
     inference: JointInference,
@@ -193,7 +197,7 @@ def _tried(
             attempt = _Attempt(*_with_sensor_fault(inference, *fitted, last_fault))
         if attempt.fault is not None or attempt.paired_share >= guards.paired_share:
             return attempt
-        if most is None or attempt.paired_share > most.paired_share:
+        if most is None or attempt.rank(guards) > most.rank(guards):
             most = attempt
     return most
 
