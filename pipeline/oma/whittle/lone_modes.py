@@ -69,8 +69,9 @@ CONFIRMED_SHARE = (
     0.3  # of the half bandwidth: what f and ζ of a refused mode beside others are known to
 )
 MOST_UNSEEN = 6  # peaks without a pole that are tried, the clearest first
+MOST_UNSEEN_FAILURES = 3  # of them that are none, after which the others are flanks, too
 EVIDENCE_OF_UNSEEN = 12.0  # for a mode that no pole shows, ln of the Bayes factor [nats]
-VAGUEST_UNSEEN, UNSEEN_SHARE = 0.5, 0.5  # std of its shape's components; of the half bandwidth,
+VAGUEST_UNSEEN, UNSEEN_SHARE = 0.7, 0.5  # std of its shape's components; of the half bandwidth,
 # what its f and ζ are known to
 MOST_UNCONFIRMED = 4  # refused modes, the best known first, that the lines do not show either
 
@@ -164,7 +165,7 @@ def with_unseen(
     known = [_known_peak(each, spectrum) for each in (*modes, *harmonics)]
     failures = 0
     for peak in unseen_peaks(spectrum, known, *reach)[:MOST_UNSEEN]:
-        if failures >= MOST_FAILURES:
+        if failures >= MOST_UNSEEN_FAILURES:
             break
         start = _at_peak(peak, spectrum)
         around = around_mode(start, [*result, *harmonics], spectrum)

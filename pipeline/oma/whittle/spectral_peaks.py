@@ -29,7 +29,7 @@ NARROWEST_UNSEEN = 3.0  # half bandwidth of a resonance that no pole shows [line
 UNSEEN_STEP = 2.0  # and from one width to the next
 LEAST_DAMPED, MOST_DAMPED = 0.002, 0.1  # ζ of such a resonance [-]
 STANDS_OUT_OF_CHANNEL = 1.3  # power over flank in one channel from which directions are looked at
-STANDS_OUT_UNSEEN = 2.5  # power over flank across the shapes of what is known there
+STANDS_OUT_UNSEEN = 1.8  # power over flank across the shapes of what is known there
 REACHES_WIDTHS = 3.0  # half bandwidths that a known mode reaches into a stretch of lines
 FLANK_REACH = 10.0  # half bandwidths of a known mode within which its shape is its flank's
 SHAPE_OF_FLANK = 0.9  # MAC of these
@@ -119,7 +119,7 @@ class UnseenPeak:
 def unseen_peaks(
     spectrum: WindowSpectrum, known: Sequence[KnownPeak], low: float, high: float
 ) -> list[UnseenPeak]:
-    """Resonances that stand out in more directions than modes are known there, the clearest first.
+    """Resonances that stand out across the shapes of what is known there, the clearest first.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def _unseen_of_width(
     centres, at, beside = centres[worth], at[worth], beside[worth]
     into = np.linalg.inv(np.linalg.cholesky(beside))
     white = into @ at @ into.transpose(0, 2, 1)
-    directions = (np.linalg.eigvalsh(white) > STANDS_OUT_UNSEEN).sum(axis=1)
+    strongest = np.linalg.eigvalsh(white)[:, -1]
     found: list[UnseenPeak] = []
     for place, centre in enumerate(centres / T):
         near = [
@@ -177,7 +177,7 @@ def _unseen_of_width(
             if abs(each.frequency - centre)
             < (1.5 * width + 2) / T + REACHES_WIDTHS * each.half_bandwidth
         ]
-        if directions[place] <= len(near):
+        if strongest[place] < STANDS_OUT_UNSEEN or len(near) >= len(white[place]):
             continue
         power, direction = _strongest_across(white[place], into[place], near)
         gain = 3 * width * (power - 1 - float(np.log(max(power, 1.0))))
