@@ -190,7 +190,7 @@ def _by_evidence(around: AroundMode, settings: OmaSettings) -> Mode | None:
         fit.converged
         and evidence > EVIDENCE_OF_UNSEEN
         and width >= RESONANCE_WIDTH
-        and mode.damping_ratio < settings.maximum_damping
+        and mode.damping_ratio + mode.damping_ratio_std < settings.maximum_damping
         and mode.frequency_std < settings.maximum_frequency_std * mode.frequency
         and mode.shape_std.max() <= VAGUEST_UNSEEN
         and bandwidth_share(mode) <= UNSEEN_SHARE
