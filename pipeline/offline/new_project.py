@@ -7,7 +7,7 @@ files ──► motions, with a guess of each one's place ──► layout.toml
 import logging
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -63,7 +63,7 @@ class NewProject:
     @property
     def complete(self) -> bool:
         """Whether every channel's height and axis were in its name."""
-        return all(each.height_known and each.direction_known for each in self.channels)
+        return all(each.known for each in self.channels)
 
 
 def start_project(
@@ -77,6 +77,7 @@ def start_project(
     mudline: float | None = None,
     sampling_rate: float | None = None,
     dates: DateOrder | None = None,
+    place: Callable[[GuessedChannel], GuessedChannel] | None = None,
 ) -> NewProject:
     """Write layout, scenario and recording of a measurement into a folder.
 
@@ -102,6 +103,8 @@ def start_project(
         [Hz]; needed where the files have neither a rate nor time stamps.
     dates : {"day-first", "month-first"}, optional
         What comes first in dates such as 3/4/2024.
+    place : callable, optional
+        Guess of a channel whose name lacks height or axis → where it was; None: as guessed.
 
     Returns
     -------
@@ -124,7 +127,9 @@ def start_project(
     table = channels_in(files[0], None, dated(EVERYTHING, dates))
     columns, left_out = choose_channels(table, str(files[0]))
     channels = guess_channels(table.only(columns).names)
-    unknown = [each.name for each in channels if not (each.height_known and each.direction_known)]
+    if place is not None:
+        channels = tuple(each if each.known else place(each) for each in channels)
+    unknown = [each.name for each in channels if not each.known]
     if unknown and structure != NO_STRUCTURE:
         raise InputError(
             f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
