@@ -55,6 +55,13 @@ def new(
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
     ] = None,
     dates: DatesOption = None,
+    zone: Annotated[
+        str, typer.Option(help="Time zone of dates that state none, such as Europe/Berlin; UTC.")
+    ] = "",
+    scada: Annotated[
+        list[Path] | None,
+        typer.Option(help="A file of wind, rotor, power or water level over time; repeatable."),
+    ] = None,
     yes: Annotated[
         bool, typer.Option("--yes", help="Ask nothing; what the files do not state is guessed.")
     ] = False,
@@ -70,6 +77,8 @@ def new(
         "springs": None if springs is None else _springs(springs),
         "sampling_rate": sampling_rate,
         "dates": dates,
+        "zone": zone,
+        "scada": scada or (),
     }
     asking = sys.stdin.isatty() and stderr.is_terminal and not (yes or as_json)
     project = _started(files, folder, options, asking=asking)
@@ -91,7 +100,7 @@ def new(
         )
         return
     number = count_noun(len(project.channels), "channel")
-    output.print(f"{number} at {project.sampling_rate:g} Hz:")
+    output.print(f"{number} at {project.sampling_rate:g} Hz, {_span(project, zone)}:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
     if project.left_out:
@@ -120,6 +129,19 @@ def new(
     written = [f"{where}/layout.toml", f"{where}/scenario.toml", *drawing, project.recording]
     output.print(f"Written: {', '.join(map(str, written))}", soft_wrap=True)
     output.print(f"Next:  cd {where} && pilewatch run && pilewatch report out", soft_wrap=True)
+
+
+def _span(project: "NewProject", zone: str) -> str:
+    """Return when the record begins and how long it is: what a wrong zone or date shows in."""
+    from sensors.acquisition.blocks import NANOSECONDS
+    from sensors.files.block_builder import FIRST_DAY_NS, moment
+
+    begin, end = project.span_ns
+    seconds = f"{(end - begin) / NANOSECONDS:g} s"
+    if begin < FIRST_DAY_NS:
+        return f"{seconds} without a date"
+    hint = "" if zone else " (a date without a zone is taken as UTC: --zone)"
+    return f"{seconds} from {moment(begin)[:19]} UTC{hint}"
 
 
 def _started(
