@@ -21,6 +21,7 @@ from typing import Literal
 import numpy as np
 from scipy import fft
 
+from pipeline.oma.ssi.preprocessing import lines_of_channels
 from sensors.arrays import ComplexArray, FloatArray
 
 PREDICTORS = 3  # p: one for each of two modes and the response of the sea
@@ -66,7 +67,7 @@ def ring_down(samples: FloatArray, sampling_rate: float) -> RingDown | None:
     n = len(samples)
     duration = n / sampling_rate
     rms = np.sqrt(np.mean(samples**2, axis=0))
-    lines = fft.rfft(samples / np.where(rms > 0, rms, 1.0), axis=0)
+    lines = lines_of_channels(samples, np.where(rms > 0, rms, 1.0))
     found: list[RingDown] = []
     n_lines = FEWEST_LINES
     while n_lines <= MOST_LINES and 2 * n_lines / duration <= 0.45 * sampling_rate:
