@@ -16,8 +16,7 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
 from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
-from pipeline.oma.whittle.orthogonal_pairs import along_perpendicular_axes
-from pipeline.oma.whittle.pair_axes import along_axes, compact
+from pipeline.oma.whittle.pair_axes import along_axes, along_perpendicular_axes, compact
 from pipeline.oma.whittle.selection import Needed, best_fit
 from pipeline.oma.whittle.starts import left_unexplained
 from sensors.arrays import FloatArray
