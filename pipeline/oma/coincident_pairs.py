@@ -63,7 +63,7 @@ class NarrowBandSpectrum:
 
         Of whitened coordinates y over lines k, Σ yyᴴ = I, the axes are eigenvectors of
         M = Σ (k − k̄) Re yyᴴ; by its scatter var(M₁₂) = Σ (k − k̄)² |y₁|² |y₂|² / 2 they turn by
-        std(M₁₂) / |m₁ − m₂|. (`whittle.starts.told_apart_by_place` has the source.)
+        std(M₁₂) / |m₁ − m₂|. (`whittle.selection.told_apart_by_place` has the source.)
         """
         numbers = np.arange(len(self._lines))
         near = np.abs(numbers - frequency * self.duration) <= reach
