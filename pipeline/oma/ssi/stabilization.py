@@ -9,11 +9,10 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.modal_assurance import modal_assurance_criterion, modal_phase_collinearity
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.measured_quantities import to_acceleration
-from pipeline.oma.ssi.mode_shapes import modal_phase_collinearity
 from pipeline.oma.ssi.ssi_cov import SystemModes
 from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 

@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.messages import Mode
+from pipeline.modal_assurance import normalised_with_deviations
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
 from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
 from pipeline.oma.whittle.pair_axes import along_axes, along_perpendicular_axes, compact

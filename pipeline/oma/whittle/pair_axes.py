@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.messages import Mode
-from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
+from pipeline.modal_assurance import modal_assurance_criterion, normalised_with_deviations
 from pipeline.oma.whittle.fit import WhittleFit, every_parameter, fitted
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.spectral_model import CloseModes, force_parameters, n_inner
