@@ -21,8 +21,8 @@ from pipeline.messages import (
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.data_quality.rotor_harmonics import turns
 from pipeline.oma.identification import Identification, identify
-from pipeline.oma.references import settings_for_channels
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.covariance import settings_for_channels
 from pipeline.oma.ssi.stabilization import PoleCloud
 from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker

@@ -21,7 +21,6 @@ from pipeline.oma.data_quality.input_checks import (
     mended,
 )
 from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
-from pipeline.oma.references import references_among, with_bounded_references
 from pipeline.oma.refused import between, harmonic, unstable, unsteady
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
@@ -31,6 +30,7 @@ from pipeline.oma.ssi.band_identification import (
 )
 from pipeline.oma.ssi.bands import plan_bands
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
+from pipeline.oma.ssi.covariance import references_among, with_bounded_references
 from pipeline.oma.ssi.measured_quantities import integrations_of
 from pipeline.oma.ssi.preprocessing import decimated, without_offset
 from pipeline.oma.ssi.stabilization import PoleCloud
