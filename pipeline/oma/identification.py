@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Mode, QualityWarning, RefusedMode
-from pipeline.oma.band_merging import merged
+from pipeline.oma.band_merging import between, harmonic, merged, unstable, unsteady
 from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence, with_lone_modes
 from pipeline.oma.cross_check import CrossCheck, cross_checks, disagreements
 from pipeline.oma.data_quality.coupled_harmonics import CoupledHarmonics, coupled_harmonics
@@ -21,7 +21,6 @@ from pipeline.oma.data_quality.input_checks import (
     mended,
 )
 from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
-from pipeline.oma.refused import between, harmonic, unstable, unsteady
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
     BandIdentification,
