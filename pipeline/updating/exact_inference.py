@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.updating.change.event_message import TrackSensitivity
-from pipeline.updating.change.midpoint_slopes import stiffness_slopes
+from pipeline.updating.change.event_message import TrackSensitivity, stiffness_slopes
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import ModalLikelihood
