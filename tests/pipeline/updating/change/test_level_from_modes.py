@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.updating.change.detector import ChangeDetector, ChangeState
+from pipeline.updating.change.detector import ChangeDetector, ChangeState, apart_from_water
 from pipeline.updating.change.level_from_modes import (
     LastLevel,
-    apart_from_water,
     with_level_from_modes,
 )
 from pipeline.updating.change.sufficient_statistics import Sensitivities, seen_in
