@@ -12,7 +12,12 @@ from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
 from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog
-from pipeline.nodes.units.acquisition_units import AcquisitionUnit, AcquisitionUnits
+from pipeline.nodes.units.acquisition_units import (
+    AcquisitionUnit,
+    AcquisitionUnits,
+    OpeningBlock,
+    OpeningBlocks,
+)
 from pipeline.nodes.units.block_admission import (
     DEFAULT_LIMITS,
     NO_LAYOUT,
@@ -22,7 +27,6 @@ from pipeline.nodes.units.block_admission import (
     window_refusal,
 )
 from pipeline.nodes.units.joined_session import SILENT, JoinedSession
-from pipeline.nodes.units.opening_blocks import OpeningBlock, OpeningBlocks
 from pipeline.nodes.units.resuming import (
     REPEATED_ANSWERS,
     IdentificationState,
