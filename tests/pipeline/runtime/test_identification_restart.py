@@ -22,8 +22,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.units.resuming import REPEATED_ANSWERS
+from pipeline.nodes.identification import REPEATED_ANSWERS, IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.latest_messages import files_of, latest_estimates, latest_messages
 from pipeline.recording.writer import Recorder, RecorderSettings
