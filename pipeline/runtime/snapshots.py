@@ -8,11 +8,10 @@
 A file is written beside the old one, forced to disk and put in its place in one step, so that
 whatever happens there is a whole one. It is written after the answers have gone out: a kill in
 between makes the node answer that window once more, in the same words. The checksum covers all
-that follows the first line. Version 2, which knew windows by their times, is still read.
+that follows the first line.
 """
 
 import hashlib
-import json
 import logging
 import zlib
 from collections.abc import Iterator
@@ -48,8 +47,7 @@ KEPT_MESSAGES: dict[str, type[Message]] = {
     )
 }
 SNAPSHOT_HEADER = "pilewatch-node"
-SNAPSHOT_VERSION = 3  # of the file's layout; one that is neither this nor OLDER is refused
-OLDER = 2
+SNAPSHOT_VERSION = 3  # of the file's layout; any other is refused
 STATE_SECTION = "state"
 MOST_FILES = 1000  # snapshots in a folder; of more, those not renewed for longest go
 LONGEST_NAME = 160  # of a turbine in a file's name; beyond it a checksum distinguishes them
@@ -167,61 +165,32 @@ def written(turbine: str, snapshot: NodeSnapshot, epoch: int = 0) -> bytes:
     )
 
 
-def parsed(content: bytes, turbine: str, origin: str) -> NodeSnapshot:
-    """The snapshot in a file's bytes. Raises CheckpointError."""
+def parsed(content: bytes, turbine: str | None, origin: str) -> NodeSnapshot:
+    """The snapshot in a file's bytes, of that turbine or of any. Raises CheckpointError."""
     head, _, body = content.partition(b"\n")
-    words = head.decode(errors="replace").split(" ", 2)
-    if len(words) < 3 or words[0] != SNAPSHOT_HEADER:
+    words = head.decode(errors="replace").split(" ", 4)
+    header, version, _, checksum, name = words + [""] * (5 - len(words))
+    if header != SNAPSHOT_HEADER:
         raise CheckpointError(
             f"{origin} begins with {content[:20]!r}: it is no checkpoint; move it away or start "
             "with --fresh"
         )
-    if words[1] == str(OLDER):
-        return _older(words[2], body, turbine, origin)
-    if words[1] != str(SNAPSHOT_VERSION):
+    if version != str(SNAPSHOT_VERSION):
         raise CheckpointError(
-            f"{origin} has version {words[1]} of the checkpoint's layout; this pilewatch reads "
-            f"versions {OLDER} and {SNAPSHOT_VERSION}; start with --fresh"
+            f"{origin} has version {version} of the checkpoint's layout; this pilewatch reads "
+            f"version {SNAPSHOT_VERSION}; start with --fresh"
         )
-    _, checksum, name = [*words[2].split(" ", 2), "", ""][:3]
-    _require_turbine(unquote(name), turbine, origin)
+    if turbine not in (None, unquote(name)):
+        raise CheckpointError(
+            f"{origin} is of turbine {unquote(name)!r}, not of {turbine!r}; move it away or start "
+            "with --fresh"
+        )
     if checksum != f"{zlib.crc32(body):08x}":
         raise CheckpointError(
             f"{origin} is damaged: its checksum is not that of its {len(body)} bytes; start with "
             "--fresh"
         )
     return _body(body, origin)
-
-
-def checked(path: Path) -> None:
-    """Verify a snapshot's checksum. Raises CheckpointError where it is damaged."""
-    content = path.read_bytes()
-    head, _, _ = content.partition(b"\n")
-    words = head.decode(errors="replace").split(" ")
-    name = " ".join(words[4:] if words[1:2] == [str(SNAPSHOT_VERSION)] else words[3:])
-    parsed(content, unquote(name), str(path))
-
-
-def _older(rest: str, body: bytes, turbine: str, origin: str) -> NodeSnapshot:
-    """A snapshot of version 2, which knew the last window that was answered by its end."""
-    answered, _, name = rest.partition(" ")
-    _require_turbine(unquote(name), turbine, origin)
-    found = _body(body, origin)
-    if not answered.isdigit():
-        raise CheckpointError(f"{origin} is damaged: {answered!r} is no time; start with --fresh")
-    if found.state:  # of the updating
-        head = json.dumps({"answered_ns": int(answered)}).encode()
-        return NodeSnapshot(head + b"\n" + found.state, found.messages)
-    nothing = {"units": {}, "boots": {}, "joined": False, "session": None, "marks": {}}
-    return NodeSnapshot(json.dumps(nothing).encode(), found.messages)
-
-
-def _require_turbine(name: str, turbine: str, origin: str) -> None:
-    if name != turbine:
-        raise CheckpointError(
-            f"{origin} is of turbine {name!r}, not of {turbine!r}; move it away or start with "
-            "--fresh"
-        )
 
 
 def _body(body: bytes, origin: str) -> NodeSnapshot:
