@@ -1,4 +1,4 @@
-"""Snapshots on disk: a node that was killed goes on to the answers that it would have given.
+"""What a node goes on from: snapshots on disk, and of the recordings what it had not answered.
 
     checkpoints/updating-iea15mw.checkpoint    one small file a turbine, new after each window
         pilewatch-node 3 EPOCH CRC iea15mw\\n            layout's version, run that wrote, checksum
@@ -14,7 +14,7 @@ that follows the first line.
 import hashlib
 import logging
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import quote, unquote
 
@@ -26,11 +26,16 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.node import NodeSnapshot
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
 from pipeline.recording.atomic_write import make_folder_durably, written_whole
+from pipeline.recording.latest_messages import latest_messages
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
 from pipeline.updating.checkpoint import CheckpointError
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 logger = logging.getLogger(__name__)
 
@@ -38,19 +43,15 @@ FOLDER = "checkpoints"  # of the updating, inside a session's folder
 ANSWERS = "tracks"  # of the identification
 KEPT_MESSAGES: dict[str, type[Message]] = {
     each.__name__: each
-    for each in (
-        FoundationEvent,
-        FoundationPosterior,
-        WindowRejected,
-        ModalEstimate,
-        SensorLayout,
-    )
+    for each in (FoundationEvent, FoundationPosterior, WindowRejected, ModalEstimate, SensorLayout)
 }
 SNAPSHOT_HEADER = "pilewatch-node"
 SNAPSHOT_VERSION = 3  # of the file's layout; any other is refused
 STATE_SECTION = "state"
 MOST_FILES = 1000  # snapshots in a folder; of more, those not renewed for longest go
 LONGEST_NAME = 160  # of a turbine in a file's name; beyond it a checksum distinguishes them
+MEASUREMENTS = (SensorLayout, AccelerationBlock, ScadaSample)
+MARGIN = 10.0 + FITTED_STAMPS  # [s] of blocks that a clock's line is fitted to
 
 
 class FencedError(OSError):
@@ -213,3 +214,9 @@ def _sections(content: bytes) -> Iterator[tuple[str, bytes]]:
             raise ValueError(f"{size} bytes of {name!r} were written, {len(content)} are there")
         yield name, content[:size]
         content = content[size:]
+
+
+def recorded_past(files: Sequence[Path], settings: OmaSettings) -> tuple[Message, ...]:
+    """The samples of an open window, and of one before it that may not have been answered."""
+    horizon = 2 * (settings.window_duration + settings.hop) + settings.lateness + MARGIN
+    return latest_messages(files, MEASUREMENTS, horizon=horizon)

@@ -95,9 +95,8 @@ def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Ite
     marks : dict
         Unit → its first block that is needed.
     """
-    reached: set[str] = set()
     messages = list(past)
-    last = {
+    first = {
         unit: max(
             (n for n, each in enumerate(messages) if _is_marked(each, unit, mark)), default=None
         )
@@ -105,11 +104,10 @@ def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Ite
     }
     for number, message in enumerate(messages):
         if isinstance(message, AccelerationBlock):
-            marked = last.get(message.unit)
-            if number == marked:
-                reached.add(message.unit)
-            ahead = marked is not None and marked - OVERTAKING <= number < marked
-            if message.unit in reached or (ahead and _follows(message, marks[message.unit])):
+            marked = first.get(message.unit)
+            if marked is None or number < marked - OVERTAKING:
+                continue
+            if number >= marked or _follows(message, marks[message.unit]):
                 yield message
         elif isinstance(message, SensorLayout | ScadaSample):
             yield message
