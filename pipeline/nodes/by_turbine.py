@@ -26,9 +26,6 @@ class LimitedMembers:
         self._most = most
         self._heard: dict[str, int] = {}  # by name, the longest silent first
 
-    def __len__(self) -> int:
-        return len(self._heard)
-
     def heard(self, name: str) -> str | None:
         """Mark `name` as recently used; return the evicted name, or None."""
         leaving = None
