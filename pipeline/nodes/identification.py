@@ -35,11 +35,7 @@ from pipeline.nodes.units.block_admission import (
     window_refusal,
 )
 from pipeline.nodes.units.joined_session import SILENT, JoinedSession
-from pipeline.nodes.units.resuming import (
-    IdentificationState,
-    IdentifiedSession,
-    needed_messages,
-)
+from pipeline.nodes.units.resuming import IdentificationState, IdentifiedSession, needed_messages
 from pipeline.nodes.units.unit_session import UnitSession
 from pipeline.nodes.window_identification import CpuClock, CpuLimit
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor

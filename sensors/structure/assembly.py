@@ -13,12 +13,7 @@ from numpy.typing import ArrayLike
 
 from sensors.arrays import FloatArray, IndexArray
 from sensors.structure import beam
-from sensors.structure.components import (
-    TOUCHING,
-    PointMass,
-    Tube,
-    Water,
-)
+from sensors.structure.components import TOUCHING, PointMass, Tube, Water
 from sensors.structure.description import TurbineDescription
 from sensors.structure.rotor_nacelle import (
     ROTATION,

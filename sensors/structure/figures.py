@@ -9,14 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from sensors.structure.components import (
-    BladeElement,
-    PointMass,
-    RigidBody,
-    Tube,
-    Vector,
-    Water,
-)
+from sensors.structure.components import BladeElement, PointMass, RigidBody, Tube, Vector, Water
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import TurbineError
 

@@ -5,10 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.updating.change.classification import ChangeKind, foundation_probability, kind_of
-from pipeline.updating.change.level_from_modes import (
-    LastLevel,
-    with_level_from_modes,
-)
+from pipeline.updating.change.level_from_modes import LastLevel, with_level_from_modes
 from pipeline.updating.change.likelihood_ratios import (
     StiffnessStep,
     log_drift,

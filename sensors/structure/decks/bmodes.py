@@ -10,12 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sensors.structure.components import (
-    RigidBody,
-    RotorNacelle,
-    Tube,
-    Water,
-)
+from sensors.structure.components import RigidBody, RotorNacelle, Tube, Water
 from sensors.structure.decks.elastodyn import ON_GROUND, Deck, tube_of
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
