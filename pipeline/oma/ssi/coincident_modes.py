@@ -3,9 +3,9 @@
 Where two modes coincide, any two shapes of the plane that they span are modes as well, and the two
 poles of an order take complex ones that differ from order to order: each is refused for itself,
 rightly, and nothing would be left to see. What the orders agree upon is the mean of the two
-(`twins_in`); the window's lines show their plane (`twin_pairs`). Where mean frequencies tell the two
-directions of the plane apart, the two entries have these for shapes; else the directions that shake
-most and least.
+(`twins_in`); the window's lines show their plane (`twin_pairs`). Where mean frequencies tell the
+two directions of the plane apart, the two entries have these for shapes; else the directions that
+shake most and least.
 """
 
 from collections.abc import Sequence
