@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Mode, QualityWarning, RefusedMode
-from pipeline.oma.band_merging import merged
+from pipeline.oma.band_merging import between, harmonic, merged, unstable, unsteady
 from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence, with_lone_modes
-from pipeline.oma.coincident_pairs import twin_pairs
 from pipeline.oma.cross_check import CrossCheck, cross_checks, disagreements
 from pipeline.oma.data_quality.coupled_harmonics import CoupledHarmonics, coupled_harmonics
 from pipeline.oma.data_quality.input_checks import (
@@ -22,8 +21,6 @@ from pipeline.oma.data_quality.input_checks import (
     mended,
 )
 from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
-from pipeline.oma.references import references_among, with_bounded_references
-from pipeline.oma.refused import between, harmonic, unstable, unsteady
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
     BandIdentification,
@@ -31,8 +28,8 @@ from pipeline.oma.ssi.band_identification import (
     modes_of_covariances,
 )
 from pipeline.oma.ssi.bands import Band, plan_bands
-from pipeline.oma.ssi.coincident_modes import CoincidentModes
-from pipeline.oma.ssi.covariance import References
+from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
+from pipeline.oma.ssi.covariance import References, references_among, with_bounded_references
 from pipeline.oma.ssi.measured_quantities import integrations_of
 from pipeline.oma.ssi.preprocessing import decimated, without_offset
 from pipeline.oma.ssi.stabilization import PoleCloud
