@@ -7,9 +7,9 @@
 
 A window's result equals that of `identify` on the window's own samples: the filter's and the
 lags' first samples are taken from inside the window, never from before it. Rounding may move which
-order's pole represents a mode: of sixteen modes one differed, by a quarter of its std. The decomposition, which
-is most of the work, is that of a new window: one that slid by a tenth costs as much as one from
-scratch (`tests/benchmarks identification speed`).
+order's pole represents a mode: of sixteen modes one differed, by a quarter of its std. The
+decomposition, which is most of the work, is that of a new window: one that slid by a tenth costs as
+much as one from scratch (`tests/benchmarks identification speed`).
 
 Why only covariances are carried from window to window: beyond the strongest ones, the singular
 vectors of the Hankel matrix are fitted noise, and a tenth of new samples turns them. Of a 15 MW
