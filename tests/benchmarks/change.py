@@ -48,9 +48,13 @@ from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.reader import read_messages
 from pipeline.updating.change.detector import Change, ChangeDetector, ChangeState, Verdict
-from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
+from pipeline.updating.change.event_message import (
+    TrackSensitivity,
+    measured_half_way,
+    sensitivities_of,
+    stiffness_slopes,
+)
 from pipeline.updating.change.likelihood_ratios import StiffnessStep
-from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
 from pipeline.updating.change.random_walk import deviation
 from pipeline.updating.change.settings import ChangeSettings
 from pipeline.updating.change.sufficient_statistics import (

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.messages import QualityWarning
-from pipeline.oma.data_quality.ring_downs import RingDown, ring_down
-from pipeline.oma.data_quality.transients import loudest_octave
-from pipeline.oma.ssi.preprocessing import lines_of_channels, without_drift
+from pipeline.oma.data_quality.transients import RingDown, loudest_octave, ring_down
+from pipeline.oma.fourier_lines import lines_of_channels
+from pipeline.oma.ssi.preprocessing import without_drift
 from pipeline.oma.windows.missing_samples import MOST_MISSING, filled
 from sensors.acquisition.blocks import RATE_TOLERANCE
 from sensors.arrays import FloatArray

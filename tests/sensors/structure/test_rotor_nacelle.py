@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, eigh
 
-from sensors.structure.description import RigidBody, RotorNacelle
+from sensors.structure.components import RigidBody, RotorNacelle
 from sensors.structure.foundation import TurbineError
 from sensors.structure.rotor_nacelle import (
     ROTATION,
