@@ -33,7 +33,7 @@ def springs_table(record: TurbineRecord) -> TextTable:
                 f"{median:.4f}",
                 f"{low:.4f} to {high:.4f}",
                 "" if true is None else f"{true:.4f}",
-                f"{spring.median:.4g}",
+                f"{spring.median:.3e}",
                 spring.unit,
                 figure(100 * spring.contraction, ".1f"),
             )

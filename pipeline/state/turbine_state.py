@@ -19,6 +19,7 @@ from pipeline.messages import (
     same_window,
     without_covariances,
 )
+from pipeline.state.repeated_warnings import without_repeats
 from pipeline.state.run_modes import CombinedMode, combined_modes
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -218,7 +219,7 @@ class TurbineState:
         found = [*(self.posterior.warnings if self.posterior else ())]
         found += [each for estimate in self.estimates for each in estimate.warnings]
         found += [each for status in self.statuses.values() for each in status.warnings]
-        return list(dict.fromkeys(found))
+        return without_repeats(found)
 
     def _block(self, block: AccelerationBlock, *, counts: bool) -> None:
         unit = self._unit(block.unit)

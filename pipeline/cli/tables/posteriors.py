@@ -28,7 +28,7 @@ def posterior_table(posterior: Json) -> Table:
             f"{format_value(spring['ratio_p05'], '.4f')} to "
             f"{format_value(spring['ratio_p95'], '.4f')}",
             format_value(spring["truth_ratio"], ".4f"),
-            format_value(spring["median"], ".4g"),
+            format_value(spring["median"], ".3e"),
             spring["unit"],
         )
     sigma = posterior["sigma"]
@@ -110,15 +110,7 @@ def _half_width(spring: ParameterSummary) -> float:
 def misfit_table(posterior: FoundationPosterior) -> Table:
     """Return the misfit and information of each paired mode."""
     table = table_of("Misfit mode by mode")
-    for title in (
-        "mode",
-        "f [Hz]",
-        "model f [Hz]",
-        "difference [%]",
-        "misfit",
-        "MAC",
-        "information",
-    ):
+    for title in ("mode", "f [Hz]", "model [Hz]", "apart [%]", "misfit", "MAC", "information"):
         table.add_column(title, justify="right", no_wrap=True)
     for pair in sorted(posterior.pairs, key=lambda pair: pair.frequency):
         apart = 100 * (pair.frequency / pair.model_frequency - 1)
