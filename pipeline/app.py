@@ -16,11 +16,10 @@ from pathlib import Path
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.node import Node, Plan
 from pipeline.nodes.updating import UpdatingNode
-from pipeline.oma.references import references_among
+from pipeline.oma.ssi.covariance import references_among
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Metadata
-from pipeline.runtime.recorded_past import recorded_past
-from pipeline.runtime.snapshots import SnapshotFolder
+from pipeline.runtime.snapshots import SnapshotFolder, recorded_past
 from pipeline.runtime.updaters import Turbines
 from pipeline.scenario import Scenario
 from pipeline.viewer.outputs.outputs import ViewerOutput

@@ -35,7 +35,6 @@ TOPS = ("sensors", "pipeline")
 ROOMS = {
     "restart": (
         "pipeline/runtime/snapshots.py",
-        "pipeline/runtime/recorded_past.py",
         "pipeline/nodes/by_turbine.py",
         "pipeline/nodes/units/resuming.py",
     ),

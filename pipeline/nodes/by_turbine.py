@@ -11,7 +11,6 @@ from pipeline.nodes.node import NodeSnapshot, NodeStatistics, TurbineNode
 
 logger = logging.getLogger(__name__)
 
-
 MOST_TURBINES = LimitSettings().turbines
 
 
@@ -26,9 +25,6 @@ class LimitedMembers:
         self.gone = 0  # names that had to go
         self._most = most
         self._heard: dict[str, int] = {}  # by name, the longest silent first
-
-    def __len__(self) -> int:
-        return len(self._heard)
 
     def heard(self, name: str) -> str | None:
         """Mark `name` as recently used; return the evicted name, or None."""
@@ -99,9 +95,7 @@ class NodeByTurbine(Generic[N]):
         self._kept: dict[str, int] = {}  # revision of the last snapshot
         self._not_kept: tuple[QualityWarning, ...] = ()
         self._of_the_past = NodeStatistics()
-        self._early_answers: list[
-            Message
-        ] = []  # of nodes that were made before their first message
+        self._early_answers: list[Message] = []  # of nodes made before their first message
 
     def begin(self, turbine: str) -> None:
         """Make a turbine's node before its first message.
@@ -147,13 +141,13 @@ class NodeByTurbine(Generic[N]):
         try:
             self._store.write(turbine, node.snapshot())
         except OSError as error:
-            reason = error.strerror or error
-            text = f"{error.filename} could not be written ({reason}): a restart goes on from "
-            if not self._not_kept:
-                logger.error("%sthe snapshot before", text)
-            self._not_kept = (
-                QualityWarning("checkpoint-not-written", f"{text}the snapshot before"),
+            text = (
+                f"{error.filename} could not be written ({error.strerror or error}): a restart "
+                "goes on from the snapshot before"
             )
+            if not self._not_kept:
+                logger.error(text)
+            self._not_kept = (QualityWarning("checkpoint-not-written", text),)
         else:
             self._not_kept = ()
 

@@ -7,12 +7,25 @@ block ─► which blocks are used ─► a session of the turbine's units ─�
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from pipeline.messages import Message, ModalEstimate, QualityWarning, StreamEnd, rejected_estimate
+from pipeline.messages import (
+    Message,
+    ModalEstimate,
+    QualityWarning,
+    StreamEnd,
+    WindowRejected,
+    rejected_estimate,
+    without_covariances,
+)
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
 from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog
-from pipeline.nodes.units.acquisition_units import AcquisitionUnit, AcquisitionUnits
+from pipeline.nodes.units.acquisition_units import (
+    AcquisitionUnit,
+    AcquisitionUnits,
+    OpeningBlock,
+    OpeningBlocks,
+)
 from pipeline.nodes.units.block_admission import (
     DEFAULT_LIMITS,
     NO_LAYOUT,
@@ -22,22 +35,19 @@ from pipeline.nodes.units.block_admission import (
     window_refusal,
 )
 from pipeline.nodes.units.joined_session import SILENT, JoinedSession
-from pipeline.nodes.units.opening_blocks import OpeningBlock, OpeningBlocks
-from pipeline.nodes.units.resuming import (
-    REPEATED_ANSWERS,
-    IdentificationState,
-    IdentifiedSession,
-    WindowAnswer,
-    needed_messages,
-    with_answer,
-)
+from pipeline.nodes.units.resuming import IdentificationState, IdentifiedSession, needed_messages
 from pipeline.nodes.units.unit_session import UnitSession
 from pipeline.nodes.window_identification import CpuClock, CpuLimit
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.tracking import DIES_AFTER
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
+
+REPEATED_ANSWERS = 2  # that may not have reached a recording before a kill
+
+WindowAnswer = ModalEstimate | WindowRejected
 
 
 class TurbineIdentification:
@@ -90,7 +100,7 @@ class TurbineIdentification:
             yield answer
             if isinstance(answer, WindowAnswer):
                 self._opening.answered()
-                self._answers = with_answer(self._answers, answer)
+                self._answers = _latest(self._answers, answer)
                 self.revision += 1
 
     def finish(self) -> Iterator[Message]:
@@ -389,3 +399,12 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
         gone = sum(each.units.gone for each in self.members.values())
         if gone:
             yield too_many(f"{self._limits.units} units of a turbine", gone)
+
+
+def _latest(answers: tuple[WindowAnswer, ...], answer: WindowAnswer) -> tuple[WindowAnswer, ...]:
+    """The latest answers, as many as modes' names need; those to be repeated are whole, of the
+    others' covariances, a hundred times their size, nothing is needed."""
+    latest = (*answers, answer)[-DIES_AFTER - 1 :]
+    named, repeated = latest[:-REPEATED_ANSWERS], latest[-REPEATED_ANSWERS:]
+    slim = (without_covariances(e) if isinstance(e, ModalEstimate) else e for e in named)
+    return (*slim, *repeated)

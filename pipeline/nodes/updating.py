@@ -19,14 +19,11 @@ from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationSettings, usable_estimate
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater
-from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 
 LATEST_ANSWERS = 10  # answers that are given again when their estimates come again
 MOST_BOOTS = 256  # sets of units' boots whose last window is remembered
 MOST_LAYOUTS = 1000  # of turbines of which no estimate has come
-OLDER_REACH = 2 * 86_400  # before the last window of an older snapshot, in which windows count as
-# answered [s]
 
 Answer = FoundationEvent | FoundationPosterior | WindowRejected
 Boots = tuple[tuple[str, str, int], ...]  # unit, session and number of each unit's boot
@@ -41,14 +38,9 @@ class AnsweredWindows:
     def __init__(self) -> None:
         self._last: dict[Boots, int] = {}  # first sample of the last window, in the first unit
         self._without_origins: set[int] = set()  # ends of windows of older recordings [ns]
-        self._older_ns: int | None = None  # end of the last window by an older snapshot
 
     def __contains__(self, estimate: ModalEstimate) -> bool:
         """Whether a window has been answered."""
-        if self._older_ns is not None:
-            before = self._older_ns - estimate.end_ns
-            if 0 <= before <= OLDER_REACH * NANOSECONDS:
-                return True
         if not estimate.origins:
             return estimate.end_ns in self._without_origins
         boots, first = _key(estimate.origins)
@@ -56,7 +48,6 @@ class AnsweredWindows:
 
     def add(self, estimate: ModalEstimate) -> None:
         """Remember a window as answered."""
-        self._older_ns = None
         if not estimate.origins:
             self._without_origins.add(estimate.end_ns)
             if len(self._without_origins) > 2 * MOST_BOOTS:
@@ -75,12 +66,11 @@ class AnsweredWindows:
         }
 
     def resume(self, state: dict[str, Any]) -> None:
-        """Go on from what `state` gave, or from an older snapshot's last window."""
-        self._older_ns = state.get("answered_ns")
-        self._without_origins = set(state.get("without_origins", ()))
+        """Go on from what `state` gave."""
+        self._without_origins = set(state["without_origins"])
         self._last = {
             tuple((unit, session, number) for unit, session, number in boots): first
-            for boots, first in state.get("last", ())
+            for boots, first in state["last"]
         }
 
 

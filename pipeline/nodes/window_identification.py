@@ -1,19 +1,16 @@
 """Cut ordered blocks into windows; identify each or reject it with a reason."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.messages import (
     Message,
     ModalEstimate,
-    Mode,
     QualityWarning,
-    RefusedMode,
-    StabilisationDiagram,
     StreamGap,
     UnitOrigin,
     WindowRejected,
@@ -21,44 +18,24 @@ from pipeline.messages import (
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.data_quality.rotor_harmonics import turns
 from pipeline.oma.identification import Identification, identify
-from pipeline.oma.references import settings_for_channels
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.stabilization import PoleCloud
+from pipeline.oma.ssi.covariance import settings_for_channels
+from pipeline.oma.ssi.stabilization import stabilisation_diagram
 from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
 from pipeline.oma.windows.missing_samples import MOST_MISSING
-from pipeline.oma.windows.unit_clock import CLOCK_ERROR, ClockFit, ClockStep, text_of_step
+from pipeline.oma.windows.unit_clock import (
+    CLOCK_ERROR,
+    ClockStep,
+    diagram_in_true_time,
+    modes_in_true_time,
+    text_of_step,
+)
 from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
 from pipeline.oma.work_limit import WorkLimitExceeded, working_for
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-
-
-def stabilisation_diagram(
-    estimate: ModalEstimate, bands: Sequence[PoleCloud], refused: Sequence[RefusedMode] = ()
-) -> StabilisationDiagram:
-    """Poles of all bands side by side, in single precision: nothing is computed with them.
-
-    bands     the poles behind the estimate by frequency band, slowest first
-    refused   what looked like a mode among them and is not reported
-    """
-    poles = {
-        "orders": [band.orders for band in bands],
-        "bands": [np.full(len(band), index) for index, band in enumerate(bands)],
-        "frequencies": [band.frequencies for band in bands],
-        "frequency_stds": [band.frequency_stds for band in bands],
-        "damping_ratios": [band.damping_ratios for band in bands],
-    }
-    return StabilisationDiagram(
-        estimate.turbine,
-        estimate.window,
-        estimate.start_ns,
-        estimate.end_ns,
-        **{name: np.concatenate([*parts, []]).astype(np.float32) for name, parts in poles.items()},
-        refused=tuple(refused),
-    )
-
 
 ColumnsOfUnits = dict[str, list[int]]  # which channels are a unit's, of several
 Origins = Callable[[Window], tuple[UnitOrigin, ...]]
@@ -68,7 +45,6 @@ RotorSpeed = Callable[[int, int, int], FloatArray | None]
 CpuClock = Callable[[], float]  # → CPU time of this thread [s]
 
 MOST_CLOCK_STEPS = 8  # of joined units' clocks that are reported with a window
-CORRECTED_DRIFT = 10e-6  # of stamps, beyond which frequencies follow them [-]
 
 
 def no_origins(_: Window) -> tuple[UnitOrigin, ...]:
@@ -260,8 +236,7 @@ class WindowIdentification:
         yield answer
         if isinstance(answer, ModalEstimate):
             diagram = stabilisation_diagram(answer, result.diagrams, result.refused)
-            ratio = 1.0 / (1.0 + drift_of(window.clock))
-            yield diagram if ratio == 1.0 else _in_true_time(diagram, ratio)
+            yield diagram_in_true_time(diagram, window.clock)
 
     def _concluded(
         self, window: Window, result: Identification, missing: dict[str, float], present: list[int]
@@ -279,7 +254,7 @@ class WindowIdentification:
         if unusable is not None:
             return self._rejected(window, unusable)
         places = ChannelPlaces(tuple(present), window.samples.shape[1]) if missing else None
-        modes = self._tracker.named(in_true_time(result.modes, window.clock), on=places)
+        modes = self._tracker.named(modes_in_true_time(result.modes, window.clock), on=places)
         events = tuple(QualityWarning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
         return ModalEstimate(
             turbine=self._turbine,
@@ -414,48 +389,6 @@ class WindowIdentification:
             origins=self._origins_of(window),
             windows_before=before,
         )
-
-
-def drift_of(clock: ClockFit | None) -> float:
-    """Drift that is taken out of a window's frequencies [-]; 0 for one that is none."""
-    return clock.drift if clock is not None and clock.exceeds(CORRECTED_DRIFT) else 0.0
-
-
-def in_true_time(modes: Sequence[Mode], clock: ClockFit | None) -> tuple[Mode, ...]:
-    """Modes of a window on the time of its stamps.
-
-    Notes
-    -----
-    Identification counts samples. Where the stamps run (1 + δ) times as fast as the nominal count,
-    the true rate is 1/(1 + δ) of the nominal one; frequencies and their standard deviations scale
-    with the rate, damping ratios and shapes do not depend on it.
-    """
-    drift = drift_of(clock)
-    if drift == 0.0:
-        return tuple(modes)
-    ratio = 1.0 / (1.0 + drift)
-    scaled = []
-    for mode in modes:
-        factor = mode.covariance_factor.copy()
-        factor[0] *= ratio
-        scaled.append(
-            replace(
-                mode,
-                frequency=mode.frequency * ratio,
-                frequency_std=mode.frequency_std * ratio,
-                covariance_factor=factor,
-            )
-        )
-    return tuple(scaled)
-
-
-def _in_true_time(diagram: StabilisationDiagram, ratio: float) -> StabilisationDiagram:
-    return replace(
-        diagram,
-        frequencies=(diagram.frequencies * ratio).astype(np.float32),
-        frequency_stds=(diagram.frequency_stds * ratio).astype(np.float32),
-        refused=tuple(replace(each, frequency=each.frequency * ratio) for each in diagram.refused),
-    )
 
 
 def _missing_text(missing: dict[str, float], who: str) -> str:

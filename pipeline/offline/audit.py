@@ -10,7 +10,7 @@ from pipeline.recording.latest_messages import files_of, readable_messages
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
 from pipeline.recording.rotation import RESULTS
 from pipeline.recording.writer import ACTIVE_SUFFIX
-from pipeline.runtime.snapshots import ANSWERS, FOLDER, checked
+from pipeline.runtime.snapshots import ANSWERS, FOLDER, parsed
 from pipeline.scenario import scenario_from_metadata
 from pipeline.sources.session_files import SESSION_FILE
 from pipeline.state.books import Books
@@ -106,6 +106,6 @@ def _damaged_snapshots(folder: Path) -> Iterator[str]:
     for path in sorted((*folder.glob(f"{FOLDER}/*"), *folder.glob(f"{ANSWERS}/*"))):
         if path.suffix == ".checkpoint":
             try:
-                checked(path)
+                parsed(path.read_bytes(), None, str(path))
             except CheckpointError as error:
                 yield str(error)

@@ -24,7 +24,7 @@ class OmaSettings:
     lateness: float = 5.0  # how long an out-of-order block is waited for, in sensor time [s]
     lowest_frequency: float | None = None  # of the modes sought [Hz]; None: what the bands reach
     highest_frequency: float | None = None  # [Hz]; None: 0.45 × the sampling rate
-    reference_channels: tuple[str, ...] | None = None  # names; None: all (see `references.py`)
+    reference_channels: tuple[str, ...] | None = None  # names; None: all (see `ssi/covariance.py`)
     n_blocks: int = field(default=40, metadata=NO_KEY)
     """Time blocks for the uncertainty; std scatters by 1/sqrt(2(n_blocks − 1))."""
 
@@ -49,6 +49,8 @@ class OmaSettings:
         for name in ("window_duration", "hop"):
             if not getattr(self, name) > 0:
                 raise OmaSettingsError(f"[oma] {name} is {getattr(self, name)}; it must be > 0")
+        if not self.lateness >= 0:
+            raise OmaSettingsError(f"[oma] lateness is {self.lateness} s; it must be >= 0")
         if self.hop > self.window_duration:
             raise OmaSettingsError(
                 f"[oma] hop is {self.hop:g} s, longer than window_duration "

@@ -32,11 +32,6 @@ from pipeline.oma.identification import (
     identify,
     rejection_in,
 )
-from pipeline.oma.references import (
-    references_among,
-    settings_for_channels,
-    takes_some,
-)
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import block_length, modes_of_covariances
 from pipeline.oma.ssi.bands import Band, plan_bands
@@ -47,6 +42,9 @@ from pipeline.oma.ssi.covariance import (
     References,
     block_covariances,
     joined,
+    references_among,
+    settings_for_channels,
+    takes_some,
 )
 from pipeline.oma.ssi.preprocessing import decimated, n_decimated
 from pipeline.oma.work_limit import checkpoint

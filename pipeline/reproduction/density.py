@@ -4,7 +4,7 @@
 
 with η the differences of frequencies and shape components, var their variances by SSI-cov (Σ_D) and
 σ² ref those of the model's discrepancy (Σ_G). Eq. 9 prints ηᵀ Σ η where the inverse is meant.
-Independent of `updating.likelihood.posterior_density`, which evaluates the density on a grid of σ.
+Independent of `updating.exact_inference.StiffnessDensity`, which takes the density on a grid of σ.
 """
 
 import numpy as np

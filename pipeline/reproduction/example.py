@@ -28,8 +28,7 @@ from pipeline.updating.likelihood.likelihood import (
     observations,
 )
 from pipeline.updating.likelihood.pairing import Pairing, PairingSettings
-from pipeline.updating.likelihood.posterior_density import laplace_peak
-from pipeline.updating.model_matching import Matcher
+from pipeline.updating.model_matching import Matcher, laplace_peak
 from pipeline.updating.prior import Prior, UpdatingError
 from pipeline.updating.samplers.interface import LogDensity, PosteriorDraws
 from pipeline.updating.samplers.tmcmc import (

@@ -1,4 +1,4 @@
-"""Snapshots on disk: a node that was killed goes on to the answers that it would have given.
+"""What a node goes on from: snapshots on disk, and of the recordings what it had not answered.
 
     checkpoints/updating-iea15mw.checkpoint    one small file a turbine, new after each window
         pilewatch-node 3 EPOCH CRC iea15mw\\n            layout's version, run that wrote, checksum
@@ -8,14 +8,13 @@
 A file is written beside the old one, forced to disk and put in its place in one step, so that
 whatever happens there is a whole one. It is written after the answers have gone out: a kill in
 between makes the node answer that window once more, in the same words. The checksum covers all
-that follows the first line. Version 2, which knew windows by their times, is still read.
+that follows the first line.
 """
 
 import hashlib
-import json
 import logging
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from urllib.parse import quote, unquote
 
@@ -27,11 +26,16 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.node import NodeSnapshot
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
 from pipeline.recording.atomic_write import make_folder_durably, written_whole
+from pipeline.recording.latest_messages import latest_messages
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
 from pipeline.updating.checkpoint import CheckpointError
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.scada import ScadaSample
 
 logger = logging.getLogger(__name__)
 
@@ -39,20 +43,15 @@ FOLDER = "checkpoints"  # of the updating, inside a session's folder
 ANSWERS = "tracks"  # of the identification
 KEPT_MESSAGES: dict[str, type[Message]] = {
     each.__name__: each
-    for each in (
-        FoundationEvent,
-        FoundationPosterior,
-        WindowRejected,
-        ModalEstimate,
-        SensorLayout,
-    )
+    for each in (FoundationEvent, FoundationPosterior, WindowRejected, ModalEstimate, SensorLayout)
 }
 SNAPSHOT_HEADER = "pilewatch-node"
-SNAPSHOT_VERSION = 3  # of the file's layout; one that is neither this nor OLDER is refused
-OLDER = 2
+SNAPSHOT_VERSION = 3  # of the file's layout; any other is refused
 STATE_SECTION = "state"
 MOST_FILES = 1000  # snapshots in a folder; of more, those not renewed for longest go
 LONGEST_NAME = 160  # of a turbine in a file's name; beyond it a checksum distinguishes them
+MEASUREMENTS = (SensorLayout, AccelerationBlock, ScadaSample)
+MARGIN = 10.0 + FITTED_STAMPS  # [s] of blocks that a clock's line is fitted to
 
 
 class FencedError(OSError):
@@ -167,61 +166,32 @@ def written(turbine: str, snapshot: NodeSnapshot, epoch: int = 0) -> bytes:
     )
 
 
-def parsed(content: bytes, turbine: str, origin: str) -> NodeSnapshot:
-    """The snapshot in a file's bytes. Raises CheckpointError."""
+def parsed(content: bytes, turbine: str | None, origin: str) -> NodeSnapshot:
+    """The snapshot in a file's bytes, of that turbine or of any. Raises CheckpointError."""
     head, _, body = content.partition(b"\n")
-    words = head.decode(errors="replace").split(" ", 2)
-    if len(words) < 3 or words[0] != SNAPSHOT_HEADER:
+    words = head.decode(errors="replace").split(" ", 4)
+    header, version, _, checksum, name = words + [""] * (5 - len(words))
+    if header != SNAPSHOT_HEADER:
         raise CheckpointError(
             f"{origin} begins with {content[:20]!r}: it is no checkpoint; move it away or start "
             "with --fresh"
         )
-    if words[1] == str(OLDER):
-        return _older(words[2], body, turbine, origin)
-    if words[1] != str(SNAPSHOT_VERSION):
+    if version != str(SNAPSHOT_VERSION):
         raise CheckpointError(
-            f"{origin} has version {words[1]} of the checkpoint's layout; this pilewatch reads "
-            f"versions {OLDER} and {SNAPSHOT_VERSION}; start with --fresh"
+            f"{origin} has version {version} of the checkpoint's layout; this pilewatch reads "
+            f"version {SNAPSHOT_VERSION}; start with --fresh"
         )
-    _, checksum, name = [*words[2].split(" ", 2), "", ""][:3]
-    _require_turbine(unquote(name), turbine, origin)
+    if turbine not in (None, unquote(name)):
+        raise CheckpointError(
+            f"{origin} is of turbine {unquote(name)!r}, not of {turbine!r}; move it away or start "
+            "with --fresh"
+        )
     if checksum != f"{zlib.crc32(body):08x}":
         raise CheckpointError(
             f"{origin} is damaged: its checksum is not that of its {len(body)} bytes; start with "
             "--fresh"
         )
     return _body(body, origin)
-
-
-def checked(path: Path) -> None:
-    """Verify a snapshot's checksum. Raises CheckpointError where it is damaged."""
-    content = path.read_bytes()
-    head, _, _ = content.partition(b"\n")
-    words = head.decode(errors="replace").split(" ")
-    name = " ".join(words[4:] if words[1:2] == [str(SNAPSHOT_VERSION)] else words[3:])
-    parsed(content, unquote(name), str(path))
-
-
-def _older(rest: str, body: bytes, turbine: str, origin: str) -> NodeSnapshot:
-    """A snapshot of version 2, which knew the last window that was answered by its end."""
-    answered, _, name = rest.partition(" ")
-    _require_turbine(unquote(name), turbine, origin)
-    found = _body(body, origin)
-    if not answered.isdigit():
-        raise CheckpointError(f"{origin} is damaged: {answered!r} is no time; start with --fresh")
-    if found.state:  # of the updating
-        head = json.dumps({"answered_ns": int(answered)}).encode()
-        return NodeSnapshot(head + b"\n" + found.state, found.messages)
-    nothing = {"units": {}, "boots": {}, "joined": False, "session": None, "marks": {}}
-    return NodeSnapshot(json.dumps(nothing).encode(), found.messages)
-
-
-def _require_turbine(name: str, turbine: str, origin: str) -> None:
-    if name != turbine:
-        raise CheckpointError(
-            f"{origin} is of turbine {name!r}, not of {turbine!r}; move it away or start with "
-            "--fresh"
-        )
 
 
 def _body(body: bytes, origin: str) -> NodeSnapshot:
@@ -244,3 +214,9 @@ def _sections(content: bytes) -> Iterator[tuple[str, bytes]]:
             raise ValueError(f"{size} bytes of {name!r} were written, {len(content)} are there")
         yield name, content[:size]
         content = content[size:]
+
+
+def recorded_past(files: Sequence[Path], settings: OmaSettings) -> tuple[Message, ...]:
+    """The samples of an open window, and of one before it that may not have been answered."""
+    horizon = 2 * (settings.window_duration + settings.hop) + settings.lateness + MARGIN
+    return latest_messages(files, MEASUREMENTS, horizon=horizon)

@@ -15,15 +15,13 @@ from pipeline.messages import (
 from pipeline.updating.acceptance import (
     AcceptanceSettings,
     Fit,
-    contradictions,
-    reduced_chi_square,
-    unconverged,
-)
-from pipeline.updating.diagnostics import (
     contraction,
+    contradictions,
     misfit_doubts,
     mode_information,
     predictive_misfits,
+    reduced_chi_square,
+    unconverged,
     unidentified_doubts,
 )
 from pipeline.updating.evidence.modal_evidence import ModalEvidence

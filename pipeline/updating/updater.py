@@ -18,10 +18,10 @@ from pipeline.updating.change.detector import ChangeDetector, ChangeState
 from pipeline.updating.change.event_message import (
     TrackSensitivity,
     event_of,
+    measured_half_way,
     sensitivities_of,
     watched_window,
 )
-from pipeline.updating.change.midpoint_slopes import measured_half_way
 from pipeline.updating.change.random_walk import deviation
 from pipeline.updating.change.revised_size import BeforeEvent, relative_change, revised_step
 from pipeline.updating.change.sufficient_statistics import Sensitivities, with_tracks_only

@@ -10,8 +10,8 @@ decoupled group of the structure, and its derivatives the modal sums
 exact within the basis. Source of the sums: Fox and Kapoor, AIAA Journal 6 (1968) 2426.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -22,14 +22,15 @@ from scipy.sparse import csr_array
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
+from sensors.dynamics.figure_groups import LEVEL_SPACING, FigureGroup, SparseGroup
 from sensors.dynamics.figure_modes import FigureModes, Linearisation
-from sensors.dynamics.figure_terms import RELATIVE, FigureTerms, Term, figure_terms
+from sensors.dynamics.figure_terms import FigureTerms, Monomials, figure_terms
 from sensors.dynamics.full_model_modes import VISIBLE_SHARE, decoupled_groups
-from sensors.dynamics.snapshot_basis import SparseStack, snapshot_basis
+from sensors.dynamics.snapshot_basis import snapshot_basis
 from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import BY_NAME
-from sensors.structure.foundation import positive_definite, spring_matrix
+from sensors.structure.foundation import positive_definite
 from sensors.structure.sensor_readings import ChannelReadings
 from sensors.structure.structural_model import StructuralModel
 
@@ -38,119 +39,9 @@ BladeMesh = Literal["described", "converged"]
 TUBE_REFINEMENT = 2  # elements in each described tube
 BLADE_MODES = 2  # at least, of each blade element in each direction
 LEVEL_REACH = 6.0  # of the water about the description's level [m]
-LEVEL_SPACING = 0.5  # between the tabulated levels; cubics between them [m]
 SNAPSHOTS = 160  # points whose modes span the basis
 SNAPSHOT_SPREAD = 2.5  # of the figures there, in default standard deviations, uniform
 BASIS_MARGIN = 1.12  # a basis holds the modes to this multiple of the highest frequency [-]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Group:
-    """One decoupled group in its basis."""
-
-    basis: FloatArray
-    """(n_dofs, m)"""
-    mass: FloatArray
-    """(n_mass_terms, m, m)"""
-    stiffness: FloatArray
-    """(n_stiffness_terms, m, m)"""
-    water: FloatArray
-    """(n_levels, m, m)"""
-    water_slopes: FloatArray
-    """(n_levels, m, m) by the level [1/m]"""
-    inner_water: FloatArray
-    """(m, m)"""
-    springs: FloatArray
-    """(3, m, m) of unit k11, k22 and k12"""
-    displacement: FloatArray
-    """(n_channels, m)"""
-    slope: FloatArray
-    """g ψ, (n_channels, m)"""
-    across: FloatArray
-    """(n_channels, m) displacement across the channels' axes, right-handed about z"""
-    across_slope: FloatArray
-    """g ψ across them, (n_channels, m)"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _SparseGroup:
-    """One decoupled group with all its coordinates."""
-
-    coordinates: csr_array
-    """(n_dofs, n)"""
-    mass: SparseStack
-    stiffness: SparseStack
-    water: SparseStack
-    inner_water: SparseStack
-    """One matrix."""
-    springs: SparseStack
-    """Of unit k11, k22 and k12."""
-
-    @classmethod
-    def of(
-        cls, model: StructuralModel, terms: FigureTerms, coordinates: FloatArray
-    ) -> "_SparseGroup":
-        Y = csr_array(coordinates)
-
-        def turned(matrices: Iterable[csr_array]) -> SparseStack:
-            return SparseStack([Y.T @ matrix @ Y for matrix in matrices])
-
-        return cls(
-            coordinates=Y,
-            mass=turned(term.matrix for term in terms.mass),
-            stiffness=turned(term.matrix for term in terms.stiffness),
-            water=turned(terms.water),
-            inner_water=turned([terms.inner_water]),
-            springs=turned(_unit_springs(model)),
-        )
-
-    def reduced(
-        self, basis: FloatArray, observation: ChannelReadings, across: ChannelReadings
-    ) -> _Group:
-        vectors = self.coordinates @ basis
-        water = self.water.congruent(basis)
-        slopes = water
-        if len(water):
-            slopes = np.gradient(water, LEVEL_SPACING, axis=0, edge_order=2)
-        return _Group(
-            basis=vectors,
-            mass=self.mass.congruent(basis),
-            stiffness=self.stiffness.congruent(basis),
-            water=water,
-            water_slopes=slopes,
-            inner_water=self.inner_water.congruent(basis)[0],
-            springs=self.springs.congruent(basis),
-            displacement=observation.displacement @ vectors,
-            slope=observation.gravity_slope @ vectors,
-            across=across.displacement @ vectors,
-            across_slope=across.gravity_slope @ vectors,
-        )
-
-
-class _Monomials:
-    """c_j(x) = Π v_i^n_ij of a list of terms, and its derivatives by the departures."""
-
-    def __init__(self, terms: Sequence[Term], names: Sequence[str]) -> None:
-        self._offset = np.array([1.0 if name in RELATIVE else 0.0 for name in names])
-        self._powers = np.array(
-            [[term.powers.get(name, 0) for name in names] for term in terms], dtype=float
-        ).reshape(len(terms), len(names))
-        self._figure, self._term = np.nonzero(self._powers.T)  # of each derivative that is not 0
-        self._exponents = self._powers[self._term, self._figure]
-        self._derived = self._powers[self._term].copy()
-        self._derived[np.arange(len(self._term)), self._figure] -= 1
-
-    def values(self, departures: FloatArray) -> FloatArray:
-        """(n, n_terms) for departures, (n, q)"""
-        v = departures + self._offset
-        return np.prod(v[:, None, :] ** self._powers, axis=2)
-
-    def slopes(self, departures: FloatArray) -> FloatArray:
-        """(q, n_terms) for departures, (q,)"""
-        v = departures + self._offset
-        found = np.zeros(self._powers.shape[::-1])
-        found[self._figure, self._term] = self._exponents * np.prod(v**self._derived, axis=1)
-        return found
 
 
 class FigureModel:
@@ -192,8 +83,8 @@ class FigureModel:
             levels = levels[levels >= lowest]
         terms = figure_terms(turbine, names, levels)
         self._levels = terms.levels
-        self._mass_terms = _Monomials(terms.mass, names)
-        self._stiffness_terms = _Monomials(terms.stiffness, names)
+        self._mass_terms = Monomials(terms.mass, names)
+        self._stiffness_terms = Monomials(terms.stiffness, names)
         self._added = names.index("added_mass") if "added_mass" in names else None
         self._groups = self._projected(model, terms, np.random.default_rng(seed))
         corners = self._observation.corner_frequencies
@@ -209,13 +100,13 @@ class FigureModel:
 
     def _projected(
         self, model: StructuralModel, terms: FigureTerms, generator: np.random.Generator
-    ) -> tuple[_Group, ...]:
+    ) -> tuple[FigureGroup, ...]:
         points = self._snapshot_points(generator)
         groups = []
         for coordinates in decoupled_groups(model):
             if np.abs(self._observation.displacement @ coordinates).max() < 1e-9:
                 continue
-            full = _SparseGroup.of(model, terms, coordinates)
+            full = SparseGroup.of(model, terms, coordinates)
             basis = snapshot_basis(
                 partial(self._sparse_matrices, full, points),
                 SNAPSHOTS,
@@ -241,7 +132,7 @@ class FigureModel:
         return theta, departures, levels
 
     def _sparse_matrices(
-        self, full: "_SparseGroup", points: tuple[FloatArray, FloatArray, FloatArray], row: int
+        self, full: "SparseGroup", points: tuple[FloatArray, FloatArray, FloatArray], row: int
     ) -> tuple[csr_array, csr_array]:
         """K and M at a snapshot: dry, half full and full of water inside in turn."""
         theta, departures, levels = (each[row] for each in points)
@@ -269,7 +160,7 @@ class FigureModel:
 
     def _matrices(
         self,
-        group: _Group,
+        group: FigureGroup,
         theta: FloatArray,
         departures: FloatArray,
         level: float,
@@ -283,7 +174,7 @@ class FigureModel:
         K += np.tensordot(theta, group.springs, axes=1)
         return K, M
 
-    def _water(self, group: _Group, level: float) -> tuple[FloatArray, FloatArray]:
+    def _water(self, group: FigureGroup, level: float) -> tuple[FloatArray, FloatArray]:
         """W and dW/dlevel, (m, m): Hermite's cubic between the tabulated levels."""
         nodes = self._levels
         place = np.clip((level - nodes[0]) / LEVEL_SPACING, 0.0, len(nodes) - 1.0)
@@ -318,7 +209,7 @@ class FigureModel:
 
     def _solved(
         self,
-        group: _Group,
+        group: FigureGroup,
         theta: FloatArray,
         departures: FloatArray,
         levels: FloatArray,
@@ -418,7 +309,7 @@ class FigureModel:
 
     def _linearised_group(
         self,
-        group: _Group,
+        group: FigureGroup,
         theta: FloatArray,
         departures: FloatArray,
         level: float,
@@ -461,7 +352,7 @@ class FigureModel:
 
     def _matrix_slopes(
         self,
-        group: _Group,
+        group: FigureGroup,
         departures: FloatArray,
         level: float,
         slopes: tuple[FloatArray, FloatArray],
@@ -503,14 +394,3 @@ def _turned(layout: SensorLayout) -> SensorLayout:
 def _right_angle(direction: tuple[float, float, float]) -> tuple[float, float, float]:
     x, y, z = direction
     return (-y, x, z)
-
-
-def _unit_springs(model: StructuralModel) -> list[csr_array]:
-    """Stiffness of unit k11, k22 and k12 in both planes, (n_dofs, n_dofs) each."""
-    found = []
-    for springs in spring_matrix(np.eye(3), model.description.foundation.sign):
-        whole = np.zeros((model.n_dofs, model.n_dofs))
-        for dofs in model.spring_dofs:
-            whole[np.ix_(dofs, dofs)] += springs
-        found.append(csr_array(whole))
-    return found

@@ -270,3 +270,29 @@ def _sum(terms: Sequence[Term], at: Mapping[str, float]) -> csr_array:
         weight = float(np.prod([at[name] ** n for name, n in term.powers.items()]))
         total = total + weight * term.matrix
     return total
+
+
+class Monomials:
+    """c_j(x) = Π v_i^n_ij of a list of terms, and its derivatives by the departures."""
+
+    def __init__(self, terms: Sequence[Term], names: Sequence[str]) -> None:
+        self._offset = np.array([1.0 if name in RELATIVE else 0.0 for name in names])
+        self._powers = np.array(
+            [[term.powers.get(name, 0) for name in names] for term in terms], dtype=float
+        ).reshape(len(terms), len(names))
+        self._figure, self._term = np.nonzero(self._powers.T)  # of each derivative that is not 0
+        self._exponents = self._powers[self._term, self._figure]
+        self._derived = self._powers[self._term].copy()
+        self._derived[np.arange(len(self._term)), self._figure] -= 1
+
+    def values(self, departures: FloatArray) -> FloatArray:
+        """(n, n_terms) for departures, (n, q)"""
+        v = departures + self._offset
+        return np.prod(v[:, None, :] ** self._powers, axis=2)
+
+    def slopes(self, departures: FloatArray) -> FloatArray:
+        """(q, n_terms) for departures, (q,)"""
+        v = departures + self._offset
+        found = np.zeros(self._powers.shape[::-1])
+        found[self._figure, self._term] = self._exponents * np.prod(v**self._derived, axis=1)
+        return found

@@ -22,13 +22,19 @@ from scipy.optimize import linear_sum_assignment
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray, IndexArray
-from sensors.dynamics.full_model_modes import FullModes, decoupled_groups, full_modes, solved_modes
+from sensors.dynamics.full_model_modes import (
+    FullModes,
+    ReferenceModes,
+    decoupled_groups,
+    full_modes,
+    solved_modes,
+    visible_modes,
+)
 from sensors.dynamics.mudline_condensation import (
     MudlineCondensation,
     SpringEigenproblem,
     spring_modes_solver,
 )
-from sensors.dynamics.reference_modes import ReferenceModes, visible_modes
 from sensors.dynamics.water_level import modes_in_water
 from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from sensors.arrays import FloatArray
-from sensors.dynamics.reference_modes import ReferenceModes
+from sensors.dynamics.full_model_modes import ReferenceModes
 from sensors.structure.assembly import assemble
 from sensors.structure.sensor_readings import ChannelReadings
 from sensors.structure.structural_model import StructuralModel

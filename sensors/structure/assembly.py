@@ -13,13 +13,8 @@ from numpy.typing import ArrayLike
 
 from sensors.arrays import FloatArray, IndexArray
 from sensors.structure import beam
-from sensors.structure.description import (
-    TOUCHING,
-    PointMass,
-    Tube,
-    TurbineDescription,
-    Water,
-)
+from sensors.structure.components import TOUCHING, PointMass, Tube, Water
+from sensors.structure.description import TurbineDescription
 from sensors.structure.rotor_nacelle import (
     ROTATION,
     BladeAxes,

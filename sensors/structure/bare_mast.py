@@ -1,7 +1,8 @@
 """A bare mast: what is drawn of a structure of which nothing is known but where its sensors are."""
 
 from sensors.acquisition.layout import SensorLayout
-from sensors.structure.description import Tube, TurbineDescription
+from sensors.structure.components import Tube
+from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings
 
 SLENDERNESS = 20.0  # height over diameter of the mast drawn [-]

@@ -9,15 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from sensors.structure.description import (
-    BladeElement,
-    PointMass,
-    RigidBody,
-    Tube,
-    TurbineDescription,
-    Vector,
-    Water,
-)
+from sensors.structure.components import BladeElement, PointMass, RigidBody, Tube, Vector, Water
+from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import TurbineError
 
 FigureChange = Callable[[TurbineDescription, float], TurbineDescription]

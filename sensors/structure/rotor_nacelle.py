@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from sensors.arrays import FloatArray
 from sensors.structure.beam import craig_bampton_element
-from sensors.structure.description import Blades, RigidBody, RotorNacelle
+from sensors.structure.components import Blades, RigidBody, RotorNacelle
 
 BladeDirection = Literal["flap", "edge"]
 

@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from scipy.stats import chisquare
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.exact_inference import StiffnessDensity
 from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
@@ -42,7 +43,7 @@ from pipeline.updating.likelihood.likelihood import (
     ModeComparison,
 )
 from pipeline.updating.likelihood.pairing import PairingSearch, PairingSettings, PairingTargets
-from pipeline.updating.likelihood.posterior_density import StiffnessDensity, laplace_peak
+from pipeline.updating.model_matching import laplace_peak
 from pipeline.updating.prior import PARAMETER_NAMES, Prior, PriorSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.interface import Peak, PosteriorDraws

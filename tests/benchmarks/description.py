@@ -23,7 +23,8 @@ from scipy.optimize import linear_sum_assignment
 from sensors.acquisition.layout import biaxial_layout
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import full_modes
-from sensors.structure.description import RigidBody, RotorNacelle, TurbineDescription, load_turbine
+from sensors.structure.components import RigidBody, RotorNacelle
+from sensors.structure.description import TurbineDescription, load_turbine
 from tests.benchmarks._results import keep
 from tests.outside import sections as iea
 from tests.outside.figures import Figures

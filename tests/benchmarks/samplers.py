@@ -27,13 +27,14 @@ from scipy.interpolate import CubicSpline
 from pipeline.messages import ModalEstimate
 from pipeline.offline.identify_file import identify_file
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.exact_inference import StiffnessDensity
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
     observations,
 )
 from pipeline.updating.likelihood.pairing import PairingSearch, PairingSettings, PairingTargets
-from pipeline.updating.likelihood.posterior_density import StiffnessDensity, laplace_peak
+from pipeline.updating.model_matching import laplace_peak
 from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.convergence import autocorrelation_time
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings

@@ -1,27 +1,24 @@
 """Where a turbine's identification goes on after a restart: what a snapshot holds, which of the
-recorded blocks are read again, which answers are repeated."""
+recorded blocks are read again."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from pipeline.messages import Message, ModalEstimate, WindowRejected, without_covariances
+from pipeline.messages import Message
 from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot
 from pipeline.nodes.units.block_admission import BlockMark
 from pipeline.nodes.units.joined_session import JoinedSession
 from pipeline.nodes.units.unit_session import UnitSession
-from pipeline.oma.tracking import DIES_AFTER
 from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
 OVERTAKING = 10  # messages by which a block may have come before one that lies before it
-REPEATED_ANSWERS = 2  # that may not have reached a recording before a kill
 
 IdentifiedSession = UnitSession | JoinedSession
-WindowAnswer = ModalEstimate | WindowRejected
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,20 +85,6 @@ class IdentificationState:
             session.resume(self.session, needed)
 
 
-def with_answer(
-    answers: tuple[WindowAnswer, ...], answer: WindowAnswer
-) -> tuple[WindowAnswer, ...]:
-    """The latest answers, as many as modes' names need; those to be repeated are whole."""
-    latest = (*answers, answer)[-DIES_AFTER - 1 :]
-    named, repeated = latest[:-REPEATED_ANSWERS], latest[-REPEATED_ANSWERS:]
-    return (*map(_as_far_as_named, named), *repeated)
-
-
-def _as_far_as_named(answer: WindowAnswer) -> WindowAnswer:
-    """An estimate as far as its modes' names need it: a hundredth of its size."""
-    return without_covariances(answer) if isinstance(answer, ModalEstimate) else answer
-
-
 def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Iterator[Message]:
     """What was recorded since the blocks with these marks, they included, in its order.
 
@@ -112,9 +95,8 @@ def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Ite
     marks : dict
         Unit → its first block that is needed.
     """
-    reached: set[str] = set()
     messages = list(past)
-    last = {
+    first = {
         unit: max(
             (n for n, each in enumerate(messages) if _is_marked(each, unit, mark)), default=None
         )
@@ -122,11 +104,10 @@ def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Ite
     }
     for number, message in enumerate(messages):
         if isinstance(message, AccelerationBlock):
-            marked = last.get(message.unit)
-            if number == marked:
-                reached.add(message.unit)
-            ahead = marked is not None and marked - OVERTAKING <= number < marked
-            if message.unit in reached or (ahead and _follows(message, marks[message.unit])):
+            marked = first.get(message.unit)
+            if marked is None or number < marked - OVERTAKING:
+                continue
+            if number >= marked or _follows(message, marks[message.unit]):
                 yield message
         elif isinstance(message, SensorLayout | ScadaSample):
             yield message

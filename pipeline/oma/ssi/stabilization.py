@@ -9,11 +9,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.messages import ModalEstimate, RefusedMode, StabilisationDiagram
+from pipeline.modal_assurance import modal_assurance_criterion, modal_phase_collinearity
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.measured_quantities import to_acceleration
-from pipeline.oma.ssi.mode_shapes import modal_phase_collinearity
 from pipeline.oma.ssi.ssi_cov import SystemModes
 from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
@@ -203,3 +203,28 @@ def unexplained_spread(
     """
     excess = differences**2 - np.sum(deviations**2, axis=1)
     return float(np.sqrt(max(0.0, np.average(excess, weights=weights))))
+
+
+def stabilisation_diagram(
+    estimate: ModalEstimate, bands: Sequence[PoleCloud], refused: Sequence[RefusedMode] = ()
+) -> StabilisationDiagram:
+    """Poles of all bands side by side, in single precision: nothing is computed with them.
+
+    bands     the poles behind the estimate by frequency band, slowest first
+    refused   what looked like a mode among them and is not reported
+    """
+    poles = {
+        "orders": [band.orders for band in bands],
+        "bands": [np.full(len(band), index) for index, band in enumerate(bands)],
+        "frequencies": [band.frequencies for band in bands],
+        "frequency_stds": [band.frequency_stds for band in bands],
+        "damping_ratios": [band.damping_ratios for band in bands],
+    }
+    return StabilisationDiagram(
+        estimate.turbine,
+        estimate.window,
+        estimate.start_ns,
+        estimate.end_ns,
+        **{name: np.concatenate([*parts, []]).astype(np.float32) for name, parts in poles.items()},
+        refused=tuple(refused),
+    )

@@ -12,14 +12,12 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.messages import Mode
+from pipeline.modal_assurance import normalised_with_deviations
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.mode_shapes import normalised_with_deviations
 from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
-from pipeline.oma.whittle.orthogonal_pairs import along_perpendicular_axes
-from pipeline.oma.whittle.pair_axes import along_axes, compact
-from pipeline.oma.whittle.selection import Needed, best_fit
-from pipeline.oma.whittle.starts import left_unexplained
+from pipeline.oma.whittle.pair_axes import along_axes, along_perpendicular_axes, compact
+from pipeline.oma.whittle.selection import Needed, best_fit, left_unexplained
 from sensors.arrays import FloatArray
 
 REACH_LINES = 30.0  # of a band beyond its group, so that a flat background is resolved from a mode,

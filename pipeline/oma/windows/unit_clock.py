@@ -5,19 +5,22 @@
                     └───────────
         ／／／／／／／／／／／／                drift: the converter's rate is not the nominal one
 
-Order, gaps and windows go by the count; the stamps are data that are checked here.
+Order, gaps and windows go by the count; the stamps are data that are checked here. A drift that is
+no chance is taken out of the frequencies.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from pipeline.messages import Mode, StabilisationDiagram
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
 from sensors.arrays import FloatArray
 
 CLOCK_ERROR = 0.01  # of a converter's rate, at most [-]
+CORRECTED_DRIFT = 10e-6  # of stamps, beyond which frequencies follow them [-]
 FEWEST_FOR_LINE = 20  # that a line is fitted to
 OUTLYING_STAMP = 5.0  # median deviations beyond which a stamp does not count
 LEAST_STAMP_SCATTER = 1e-6  # of stamps about the line [s]
@@ -53,6 +56,11 @@ class ClockFit:
     def exceeds(self, limit: float) -> bool:
         """Whether the drift is beyond a limit [-] and not by chance."""
         return abs(self.drift) > max(limit, 4 * self.drift_std)
+
+    @property
+    def true_rate(self) -> float:
+        """True sampling rate over the nominal one [-]; 1 for a drift that may be chance."""
+        return 1.0 / (1.0 + self.drift) if self.exceeds(CORRECTED_DRIFT) else 1.0
 
 
 def clock_step(before: tuple[int, int], after: tuple[int, int], sampling_rate: float) -> float:
@@ -153,3 +161,42 @@ def text_of_step(step: ClockStep, unit: str, window_start: int, sampling_rate: f
 def stamp_of(block: AccelerationBlock) -> tuple[int, int]:
     """First sample since the unit's start, and its stamp [ns]."""
     return block.first_sample, block.start_ns
+
+
+def modes_in_true_time(modes: Sequence[Mode], clock: ClockFit | None) -> tuple[Mode, ...]:
+    """Modes of a window on the time of its stamps.
+
+    Notes
+    -----
+    Identification counts samples. Where the stamps run (1 + δ) times as fast as the nominal count,
+    the true rate is 1/(1 + δ) of the nominal one; frequencies and their standard deviations scale
+    with the rate, damping ratios and shapes do not depend on it.
+    """
+    ratio = 1.0 if clock is None else clock.true_rate
+    return tuple(modes) if ratio == 1.0 else tuple(_scaled(mode, ratio) for mode in modes)
+
+
+def _scaled(mode: Mode, ratio: float) -> Mode:
+    factor = mode.covariance_factor.copy()
+    factor[0] *= ratio
+    return replace(
+        mode,
+        frequency=mode.frequency * ratio,
+        frequency_std=mode.frequency_std * ratio,
+        covariance_factor=factor,
+    )
+
+
+def diagram_in_true_time(
+    diagram: StabilisationDiagram, clock: ClockFit | None
+) -> StabilisationDiagram:
+    """The window's diagram on the same time."""
+    ratio = 1.0 if clock is None else clock.true_rate
+    if ratio == 1.0:
+        return diagram
+    return replace(
+        diagram,
+        frequencies=(diagram.frequencies * ratio).astype(np.float32),
+        frequency_stds=(diagram.frequency_stds * ratio).astype(np.float32),
+        refused=tuple(replace(each, frequency=each.frequency * ratio) for each in diagram.refused),
+    )

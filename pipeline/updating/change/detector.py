@@ -5,11 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pipeline.updating.change.classification import ChangeKind, foundation_probability, kind_of
-from pipeline.updating.change.level_from_modes import (
-    LastLevel,
-    apart_from_water,
-    with_level_from_modes,
-)
+from pipeline.updating.change.level_from_modes import LastLevel, with_level_from_modes
 from pipeline.updating.change.likelihood_ratios import (
     StiffnessStep,
     log_drift,
@@ -182,3 +178,19 @@ def _padded(sensitivities: Sensitivities | None, n_tracks: int) -> Sensitivities
         stiffness=np.pad(sensitivities.stiffness, ((0, missing), (0, 0))),
         water=np.pad(sensitivities.water, ((0, missing), (0, 0))),
     )
+
+
+def apart_from_water(known: Sensitivities, sums: ChangeSums) -> Sensitivities:
+    """The sensitivities without what a level that follows from the modes takes of a change.
+
+    What a change of the springs has in common with a rise of the water goes into the level as well
+    (`level_from_modes`), so that only the rest of it can be seen: S loses what it shares with a,
+
+        S − a (aᵀ H a + s⁻²)⁻¹ aᵀ H S,   H the information on each track's frequency.
+    """
+    if known.level_std == 0.0:
+        return known
+    slope = known.water[:, 0]
+    pull = slope * sums.totals[0]
+    shared = pull @ known.stiffness / (pull @ slope + known.level_std**-2)
+    return replace(known, stiffness=known.stiffness - np.outer(slope, shared))

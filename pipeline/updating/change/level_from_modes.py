@@ -7,10 +7,7 @@ the model's (learned ones would leave the scale of l open), the level of a windo
 
 is least: ρ Huber's, s the standard deviation of a level that nothing reports, l₀ the level Δt ago
 and M₂ the period of the moon's tide, so that q is what the level can have moved. It counts from the
-water of the first windows. What a change of the springs has in common with a rise of the water
-goes into the level as well, so that only the rest of it can be seen: S loses what it shares with a,
-
-    S − a (aᵀ H a + s⁻²)⁻¹ aᵀ H S,   H the information on each track's frequency.
+water of the first windows.
 
 Source: Huber (1964), Annals of Mathematical Statistics 35, 73.
 """
@@ -25,7 +22,6 @@ from pipeline.updating.change.sufficient_statistics import (
     ChangeSums,
     Regression,
     Seen,
-    Sensitivities,
     WatchedWindow,
 )
 from sensors.acquisition.blocks import NANOSECONDS
@@ -81,13 +77,3 @@ def with_level_from_modes(
         information = pull @ rises + mobility**-2
         level += float((pull @ off - (level - last.level) / mobility**2) / information)
     return replace(window, water_level=level)
-
-
-def apart_from_water(known: Sensitivities, sums: ChangeSums) -> Sensitivities:
-    """The sensitivities without what a level that follows from the modes takes of a change."""
-    if known.level_std == 0.0:
-        return known
-    slope = known.water[:, 0]
-    pull = slope * sums.totals[0]
-    shared = pull @ known.stiffness / (pull @ slope + known.level_std**-2)
-    return replace(known, stiffness=known.stiffness - np.outer(slope, shared))

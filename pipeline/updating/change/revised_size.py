@@ -3,7 +3,7 @@
 An event is reported with what the first window or two after it make of its size. The sums before
 the change are kept; with those since, they are two segments of one regression on water and wind,
 and the step between them is measured as the detectors do (`sufficient_statistics`), by the mean of
-the slopes before and now (`midpoint_slopes` says why).
+the slopes before and now (`event_message.measured_half_way` has the reason).
 """
 
 from collections.abc import Sequence

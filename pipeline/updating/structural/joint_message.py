@@ -16,10 +16,11 @@ from pipeline.messages import (
     RelativeStiffness,
     StructureAlternative,
 )
-from pipeline.updating.acceptance import AcceptanceSettings, reduced_chi_square
-from pipeline.updating.diagnostics import (
+from pipeline.updating.acceptance import (
+    AcceptanceSettings,
     contraction,
     mode_information,
+    reduced_chi_square,
     unidentified_doubts,
     what_differs,
 )

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.structure.description import Blades, RotorNacelle, Tube, TurbineDescription
+from sensors.structure.components import Blades, RotorNacelle, Tube
+from sensors.structure.description import TurbineDescription
 
 SECTORS = 24  # flat faces round a tube
 RIM = 48  # corners of the ground and of the sea [-]

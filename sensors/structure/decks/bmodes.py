@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from sensors.structure.components import RigidBody, RotorNacelle, Tube, Water
 from sensors.structure.decks.elastodyn import ON_GROUND, Deck, tube_of
-from sensors.structure.description import RigidBody, RotorNacelle, Tube, TurbineDescription, Water
+from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
 TOWER = 2  # beam_type

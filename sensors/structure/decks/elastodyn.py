@@ -14,16 +14,16 @@ from pathlib import Path
 import numpy as np
 
 from sensors.arrays import FloatArray
-from sensors.structure.description import (
+from sensors.structure.components import (
     BladeElement,
     Blades,
     PointMass,
     RigidBody,
     RotorNacelle,
     Tube,
-    TurbineDescription,
     Water,
 )
+from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
 STEEL_MODULUS = 210e9  # of a tower of which the deck has only EI [Pa]

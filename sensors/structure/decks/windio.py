@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 
 from sensors.arrays import FloatArray
-from sensors.structure.decks.elastodyn import BLADE_ELEMENTS, FEATHERED_PITCH, mean_between
-from sensors.structure.description import (
+from sensors.structure.components import (
     BladeElement,
     Blades,
     PointMass,
     RigidBody,
     RotorNacelle,
     Tube,
-    TurbineDescription,
     Water,
 )
+from sensors.structure.decks.elastodyn import BLADE_ELEMENTS, FEATHERED_PITCH, mean_between
+from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
 NOT_ONE_TOWER = ("floating_platform", "jacket", "mooring")  # components of other substructures

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import RefusedMode
-from pipeline.oma import refused
+from pipeline.oma import band_merging
 from pipeline.oma.identification import identify
 from tests.benchmarks.close_modes import pair
 
@@ -43,6 +43,6 @@ def test_a_column_that_two_bands_see_is_named_once_by_the_band_with_more_of_its_
             (0.3, RefusedMode(3.0, 0.01, "unstable", "fast")),
         ],
     }
-    monkeypatch.setattr(refused, "_columns", lambda band, _: columns[band])
-    found = refused.unstable(["fast", "slow"], (), ())
+    monkeypatch.setattr(band_merging, "_columns", lambda band, _: columns[band])
+    found = band_merging.unstable(["fast", "slow"], (), ())
     assert [(each.frequency, each.text) for each in found] == [(1.001, "slow"), (3.0, "fast")]

@@ -22,13 +22,11 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.units.resuming import REPEATED_ANSWERS
+from pipeline.nodes.identification import REPEATED_ANSWERS, IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.latest_messages import files_of, latest_estimates, latest_messages
 from pipeline.recording.writer import Recorder, RecorderSettings
-from pipeline.runtime.recorded_past import recorded_past
-from pipeline.runtime.snapshots import SnapshotFolder
+from pipeline.runtime.snapshots import SnapshotFolder, recorded_past
 from pipeline.updating.checkpoint import CheckpointError
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, cut
@@ -265,7 +263,7 @@ def test_the_past_is_read_from_the_recording_that_is_being_written(
 def test_two_windows_with_all_that_may_wait_for_them_are_read(monkeypatch) -> None:
     asked = []
     monkeypatch.setattr(
-        "pipeline.runtime.recorded_past.latest_messages",
+        "pipeline.runtime.snapshots.latest_messages",
         lambda files, types, horizon: asked.append(horizon) or (),
     )
     settings = OmaSettings(window_duration=600.0, hop=300.0, lateness=30.0)

@@ -142,6 +142,7 @@ def test_a_checkpoint_that_does_not_fit_is_one_line_at_the_start(tmp_path):
     whole = path.read_bytes()
     for content, said in (
         (whole.replace(b"node 3", b"node 9", 1), "version 9 of the checkpoint's layout"),
+        (whole.replace(b"node 3 0", b"node 2", 1), "version 2 of the checkpoint's layout"),
         (whole.replace(TURBINE.encode(), b"other", 1), f"'other', not of '{TURBINE}'"),
         (whole[:-7], "damaged"),
         (whole[:200], "damaged: its checksum is not that of its"),
@@ -196,21 +197,6 @@ def test_estimates_that_were_recorded_and_not_answered_enter_after_a_restart(tmp
     answers = list(restarted.handle(estimate_of(4)))
     assert [answer.window for answer in answers] == [1, 2, 3, 4]
     assert_same(answers[-1], undisturbed)
-
-
-def test_a_checkpoint_of_the_version_before_is_read_once(tmp_path, undisturbed):
-    """It knew windows by their ends; those of two days before its last count as answered."""
-    node = node_in(tmp_path)
-    last_posterior(node, range(2))
-    snapshot = node.members[TURBINE].snapshot()
-    _, _, state = snapshot.state.partition(b"\n")
-    sections = [*((type(a).__name__, encode(a)) for a in snapshot.messages), ("state", state)]
-    body = b"".join(b"%d %s\n" % (len(c), name.encode()) + c for name, c in sections)
-    path = SnapshotFolder(tmp_path).file_of(TURBINE)
-    older = f"pilewatch-node 2 {estimate_of(1).end_ns} {TURBINE}\n".encode() + body
-    path.write_bytes(older)
-    assert_same(last_posterior(node_in(tmp_path), range(4)), undisturbed)
-    assert path.read_bytes().startswith(b"pilewatch-node 3 ")
 
 
 def test_a_run_that_was_taken_over_writes_no_snapshot_any_more(tmp_path):

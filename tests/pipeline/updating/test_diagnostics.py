@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModePair, ParameterSummary
-from pipeline.updating.acceptance import AcceptanceSettings, reduced_chi_square
-from pipeline.updating.diagnostics import (
+from pipeline.updating.acceptance import (
+    AcceptanceSettings,
     contraction,
     misfit_doubts,
     mode_information,
     predictive_misfits,
+    reduced_chi_square,
     unidentified_doubts,
     what_differs,
 )

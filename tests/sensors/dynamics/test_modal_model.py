@@ -14,7 +14,7 @@ from sensors.dynamics.modal_model import (
     full_modes,
 )
 from sensors.structure.assembly import assemble
-from sensors.structure.description import RigidBody
+from sensors.structure.components import RigidBody
 from sensors.structure.foundation import FoundationSprings, TurbineError, positive_definite
 from tests.sensors.structure.towers import (
     parked_model,

@@ -8,7 +8,8 @@ import pytest
 from scipy.linalg import eigh
 
 from sensors.structure.assembly import added_mass, assemble, wetted_share
-from sensors.structure.description import RigidBody, RotorNacelle, TurbineDescription
+from sensors.structure.components import RigidBody, RotorNacelle
+from sensors.structure.description import TurbineDescription
 from tests.sensors.structure.towers import parked_turbine
 
 TOP = RigidBody("rotor-nacelle", mass=1.0166e6, centre=(0.0, 0.0, 4.2), inertia=(2e8, 2e8, 0.0))

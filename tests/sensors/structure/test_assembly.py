@@ -8,7 +8,8 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from sensors.structure.assembly import added_mass, assemble, wetted_share
-from sensors.structure.description import RigidBody, TurbineDescription, Water
+from sensors.structure.components import RigidBody, Water
+from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 from sensors.structure.rotor_nacelle import blade_axes, rigid_bodies
 from sensors.structure.structural_model import StructuralModel

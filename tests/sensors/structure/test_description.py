@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import eigh
 
 from sensors.structure.assembly import assemble
+from sensors.structure.components import Water
 from sensors.structure.description import (
     TurbineDescription,
-    Water,
     load_turbine,
     parse_turbine,
     shipped_text,

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sensors.structure.description import RigidBody, TurbineDescription
+from sensors.structure.components import RigidBody
+from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import FIGURES, JUDGEMENT, varied
 from tests.sensors.structure.towers import parked_turbine
 

@@ -4,13 +4,8 @@ from functools import cache
 
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.dynamics.modal_model import ModalModel
-from sensors.structure.description import (
-    RigidBody,
-    RotorNacelle,
-    Tube,
-    TurbineDescription,
-    load_turbine,
-)
+from sensors.structure.components import RigidBody, RotorNacelle, Tube
+from sensors.structure.description import TurbineDescription, load_turbine
 from sensors.structure.foundation import FoundationSprings
 
 LENGTH = 100.0  # of the uniform tower [m]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.oma.data_quality.input_checks import check_stationarity
-from pipeline.oma.data_quality.ring_downs import ring_down
+from pipeline.oma.data_quality.transients import ring_down
 from tests.benchmarks.stationarity import RATE, record
 
 

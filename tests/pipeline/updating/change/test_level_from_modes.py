@@ -5,20 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.updating.change.detector import ChangeDetector, ChangeState
-from pipeline.updating.change.level_from_modes import (
-    LastLevel,
-    apart_from_water,
-    with_level_from_modes,
-)
+from pipeline.updating.change.detector import ChangeDetector, ChangeState, apart_from_water
+from pipeline.updating.change.level_from_modes import LastLevel, with_level_from_modes
 from pipeline.updating.change.sufficient_statistics import Sensitivities, seen_in
-from tests.pipeline.updating.change.streams import (
-    SENSITIVITIES,
-    STDS,
-    WINDOW,
-    level_at,
-    window_of,
-)
+from tests.pipeline.updating.change.streams import SENSITIVITIES, STDS, WINDOW, level_at, window_of
 
 WATER = np.array([[0.001, 0.0], [0.012, 0.002], [-0.004, 0.0], [0.015, -0.003], [0.0, 0.0]])
 KNOWN = replace(SENSITIVITIES, water=WATER, level_std=1.0)

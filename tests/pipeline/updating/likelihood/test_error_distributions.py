@@ -14,7 +14,7 @@ from pipeline.updating.likelihood.error_distributions import (
     tail_nodes,
 )
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
-from pipeline.updating.likelihood.posterior_density import laplace_peak
+from pipeline.updating.model_matching import laplace_peak
 from pipeline.updating.prior import Prior, UpdatingError
 from tests.pipeline.updating.likelihood.test_likelihood import TRUTH, evidence_of, likelihood_of
 from tests.pipeline.updating.small_tower import NOMINAL, LinearTower

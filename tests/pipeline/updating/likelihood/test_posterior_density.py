@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.exact_inference import StiffnessDensity
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
     ModeComparison,
 )
-from pipeline.updating.likelihood.posterior_density import StiffnessDensity, laplace_peak
+from pipeline.updating.model_matching import laplace_peak
 from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.registry import SamplingSettings, sampler_of

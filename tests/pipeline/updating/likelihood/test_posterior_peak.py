@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.updating.likelihood.posterior_density import laplace_peak
+from pipeline.updating.model_matching import laplace_peak
 from pipeline.updating.prior import Prior
 from tests.pipeline.updating.likelihood.test_likelihood import TRUTH, evidence_of, likelihood_of
 from tests.pipeline.updating.small_tower import NOMINAL, LinearTower

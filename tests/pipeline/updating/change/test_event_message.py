@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
-from pipeline.updating.change.event_message import TrackSensitivity, sensitivities_of
+from pipeline.updating.change.event_message import (
+    TrackSensitivity,
+    measured_half_way,
+    sensitivities_of,
+    stiffness_slopes,
+)
 from pipeline.updating.change.likelihood_ratios import StiffnessStep
-from pipeline.updating.change.midpoint_slopes import measured_half_way, stiffness_slopes
 from pipeline.updating.change.sufficient_statistics import SeenFrequency, WatchedWindow
 from pipeline.updating.prior import Prior
 from tests.pipeline.updating.small_tower import NOMINAL, SmallTower
@@ -86,6 +90,6 @@ def test_slopes_that_one_track_lacks_half_way_leave_the_size_as_it_was():
         return slopes
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipeline.updating.change.midpoint_slopes.stiffness_slopes", lacking)
+        patch.setattr("pipeline.updating.change.event_message.stiffness_slopes", lacking)
         straight, half_way = measured(np.random.default_rng(31), std=1e-4)
     np.testing.assert_array_equal(half_way.step.ratios, straight.step.ratios)

@@ -10,13 +10,13 @@ import pytest
 from pipeline.app import Outputs, build
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
-from pipeline.oma.references import (
+from pipeline.oma.settings import OmaSettings, OmaSettingsError
+from pipeline.oma.ssi.covariance import (
+    ALL,
     references_among,
     settings_for_channels,
     with_bounded_references,
 )
-from pipeline.oma.settings import OmaSettings, OmaSettingsError
-from pipeline.oma.ssi.covariance import ALL
 from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.scenario import ScenarioError, scenario_from_text
 from sensors.arrays import FloatArray

@@ -8,7 +8,7 @@ from pipeline.messages import Mode
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.groups import Group, Suspect, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
-from pipeline.oma.whittle.orthogonal_pairs import _turn
+from pipeline.oma.whittle.pair_axes import _turn
 from pipeline.oma.whittle.spectral_model import CloseModes, n_inner
 from pipeline.oma.whittle.spectral_peaks import peaks_of_two
 from sensors.arrays import FloatArray
