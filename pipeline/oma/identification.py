@@ -33,8 +33,9 @@ from pipeline.oma.ssi.covariance import references_among, with_bounded_reference
 from pipeline.oma.ssi.measured_quantities import integrations_of
 from pipeline.oma.ssi.preprocessing import decimated, without_offset
 from pipeline.oma.ssi.stabilization import PoleCloud
-from pipeline.oma.whittle.lone_modes import Sharpened, bandwidth_share, sharpened
+from pipeline.oma.whittle.lone_modes import Sharpened, bandwidth_share, sharpened, with_unseen
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from pipeline.oma.whittle.spectral_peaks import LOWEST_PEAK
 from pipeline.oma.windows.missing_samples import filled, on_even_grid
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
@@ -188,7 +189,11 @@ def concluded(
         spectrum = WindowSpectrum(steady, sampling_rate, integrations)
         twins = _twins_beside(by_band, [*judged.modes, *judged.harmonics])
         stationary = all(finding.code != "non-stationary" for finding in findings)
-        by_lines = _fitted(judged, twins, spectrum, settings, stationary=stationary)
+        reach = (
+            max(LOWEST_PEAK / spectrum.duration, min(each.band.lowest for each in by_band)),
+            max(each.band.highest for each in by_band),
+        )
+        by_lines = _fitted(judged, twins, spectrum, settings, reach=reach, stationary=stationary)
     alike = _twins_beside(by_band, [*by_lines.modes, *judged.harmonics])
     warnings += [_coincident(each) for each in alike]
     pairs = twin_pairs(alike, steady, sampling_rate, integrations)
@@ -209,6 +214,7 @@ def _fitted(
     spectrum: WindowSpectrum,
     settings: OmaSettings,
     *,
+    reach: tuple[float, float],
     stationary: bool,
 ) -> Sharpened:
     """The modes after fits to the spectrum's lines, where those know more than the poles."""
@@ -218,7 +224,11 @@ def _fitted(
     resolved = with_lone_modes(resolved, judged.vague_shapes, spectrum)
     if not stationary:
         return Sharpened(resolved.modes, resolved.refused)
-    return sharpened(resolved.modes, resolved.refused, judged.doubtful, spectrum, settings)
+    by_lines = sharpened(resolved.modes, resolved.refused, judged.doubtful, spectrum, settings)
+    if by_lines.too_dense:
+        return by_lines
+    modes = with_unseen(by_lines.modes, judged.harmonics, spectrum, settings, reach=reach)
+    return Sharpened(tuple(modes), by_lines.refused)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,7 +262,7 @@ def _judged(
             judged.refused.append(reason)
             judged.doubtful.append((mode, reason))
         elif (why := why_refused(mode, duration, settings, alone=each.alone)) is None:
-            judged.modes.append(mode)
+            judged.modes.append(_at_least_attainable(mode, duration))
         else:
             reason = RefusedMode(mode.frequency, mode.damping_ratio, *why)
             judged.refused.append(reason)
@@ -260,6 +270,27 @@ def _judged(
             if why[0] == "mixture" and each.n_bands > 1 and bandwidth_share(mode) <= SURE_SHARE:
                 judged.vague_shapes.append((mode, reason))
     return judged
+
+
+def _at_least_attainable(mode: Mode, duration: float) -> Mode:
+    """The mode with stds of f and ζ no less than attainable: a smaller one is luck.
+
+    No unbiased estimate is sharper than about δf/f = δζ = √(ζ/(2π f T)) (Au 2014, Mech. Syst.
+    Signal Process. 48); ζ may be as much as its std higher than it was estimated.
+    """
+    damping = mode.damping_ratio + float(np.nan_to_num(mode.damping_ratio_std))
+    bound = float(np.sqrt(damping / (2 * np.pi * mode.frequency * duration)))
+    columns = np.zeros((len(mode.covariance_factor), 2))
+    columns[0, 0] = np.sqrt(max(0.0, (bound * mode.frequency) ** 2 - mode.frequency_std**2))
+    columns[1, 1] = np.sqrt(max(0.0, bound**2 - mode.damping_ratio_std**2))
+    if not columns.any():
+        return mode
+    return replace(
+        mode,
+        covariance_factor=np.hstack([mode.covariance_factor, columns]),
+        frequency_std=max(mode.frequency_std, bound * mode.frequency),
+        damping_ratio_std=max(mode.damping_ratio_std, bound),
+    )
 
 
 def _twins_beside(

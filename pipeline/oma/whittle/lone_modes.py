@@ -17,14 +17,17 @@ import numpy as np
 from pipeline.messages import Mode, RefusedMode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.whittle.fit import cost_of_background
 from pipeline.oma.whittle.groups import Group, Suspect, band_of, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import (
+    AroundMode,
     around_mode,
     first_mode,
     half_bandwidth,
     left_near_first,
 )
+from pipeline.oma.whittle.spectral_peaks import KnownPeak, UnseenPeak, unseen_peaks
 
 VAGUE = 1.5  # frequency std over the attainable bound from which the lines may know more [-]
 SHARPER = 0.8  # std by the lines over that of the pole; what gains less stays [-]
@@ -65,6 +68,11 @@ MOST_FAILURES = 2  # bands that the model does not describe, after which the win
 CONFIRMED_SHARE = (
     0.3  # of the half bandwidth: what f and ζ of a refused mode beside others are known to
 )
+MOST_UNSEEN = 6  # peaks without a pole that are tried, the clearest first
+MOST_UNSEEN_FAILURES = 3  # of them that are none, after which the others are flanks, too
+EVIDENCE_OF_UNSEEN = 12.0  # for a mode that no pole shows, ln of the Bayes factor [nats]
+VAGUEST_UNSEEN, UNSEEN_SHARE = 0.7, 0.5  # std of its shape's components; of the half bandwidth,
+# what its f and ζ are known to
 MOST_UNCONFIRMED = 4  # refused modes, the best known first, that the lines do not show either
 
 
@@ -75,6 +83,8 @@ class Sharpened:
     modes: tuple[Mode, ...]
     """Lowest frequency first."""
     refused: tuple[RefusedMode, ...]
+    too_dense: bool = False
+    """Whether modes stand too densely for the model of a band."""
 
 
 def sharpened(
@@ -126,7 +136,88 @@ def sharpened(
         else:
             result.append(_with_gusts(fitted, mode))
             reasons = [each for each in reasons if each is not reason]
-    return Sharpened(tuple(sorted(result, key=lambda each: each.frequency)), tuple(reasons))
+    found = tuple(sorted(result, key=lambda each: each.frequency))
+    return Sharpened(found, tuple(reasons), too_dense)
+
+
+def with_unseen(
+    modes: Sequence[Mode],
+    harmonics: Sequence[Mode],
+    spectrum: WindowSpectrum,
+    settings: OmaSettings,
+    *,
+    reach: tuple[float, float],
+) -> list[Mode]:
+    """The modes, and those that stand out of the lines where no pole shows one.
+
+    Parameters
+    ----------
+    modes : sequence of Mode
+        That are reported.
+    harmonics : sequence of Mode
+        Of machines, whose peaks are no modes.
+    spectrum : WindowSpectrum
+    settings : OmaSettings
+    reach : (float, float)
+        Lowest and highest frequency at which they are sought [Hz].
+    """
+    result = list(modes)
+    known = [_known_peak(each, spectrum) for each in (*modes, *harmonics)]
+    failures = 0
+    for peak in unseen_peaks(spectrum, known, *reach)[:MOST_UNSEEN]:
+        if failures >= MOST_UNSEEN_FAILURES:
+            break
+        start = _at_peak(peak, spectrum)
+        around = around_mode(start, [*result, *harmonics], spectrum)
+        found = None if around is None else _by_evidence(around, settings)
+        if found is not None and _stands_out(found, result, spectrum):
+            result.append(found)
+        else:
+            failures += 1
+    return sorted(result, key=lambda each: each.frequency)
+
+
+def _by_evidence(around: AroundMode, settings: OmaSettings) -> Mode | None:
+    """A mode that no pole shows, where the lines hold strong evidence of it and know it."""
+    fit, without = around.fitted(), around.without_first()
+    mode = first_mode(fit, around.band)
+    n_lines = around.band.n_lines
+    evidence = (
+        cost_of_background(around.band) if without is None else without.bayes_cost(n_lines)
+    ) - fit.bayes_cost(n_lines)
+    width = mode.damping_ratio * mode.frequency * around.band.duration
+    known = (
+        fit.converged
+        and evidence > EVIDENCE_OF_UNSEEN
+        and width >= RESONANCE_WIDTH
+        and mode.damping_ratio + mode.damping_ratio_std < settings.maximum_damping
+        and mode.frequency_std < settings.maximum_frequency_std * mode.frequency
+        and mode.shape_std.max() <= VAGUEST_UNSEEN
+        and bandwidth_share(mode) <= UNSEEN_SHARE
+        and LEAST_COLOUR <= fit.modes.colours[0] <= MOST_COLOUR
+        and left_near_first(fit, around.band) <= LEFT_BY_NEIGHBOURS
+    )
+    return mode if known else None
+
+
+def _known_peak(mode: Mode, spectrum: WindowSpectrum) -> KnownPeak:
+    scales = spectrum.accelerations(mode.frequency)
+    return KnownPeak(mode.frequency, half_bandwidth(mode), mode.shape / scales)
+
+
+def _at_peak(peak: UnseenPeak, spectrum: WindowSpectrum) -> Mode:
+    """A mode for a fit to begin with; nothing is known of it."""
+    shape = peak.shape * spectrum.accelerations(peak.frequency)
+    return Mode(
+        name="",
+        frequency=peak.frequency,
+        frequency_std=peak.half_bandwidth,
+        damping_ratio=peak.half_bandwidth / peak.frequency,
+        damping_ratio_std=0.0,
+        shape=shape / shape[np.argmax(np.abs(shape))],
+        covariance_factor=np.zeros((2 + len(shape), 1)),
+        n_block_columns=0,
+    )
 
 
 def by_its_lines(

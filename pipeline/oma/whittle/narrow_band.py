@@ -132,6 +132,19 @@ class WindowSpectrum:
         values: FloatArray = linalg.eigh(at, beside, eigvals_only=True)
         return values[::-1]
 
+    def accelerations(self, frequency: float) -> FloatArray:
+        """Factors from the shapes of the scaled channels to those of accelerations,
+        (n_channels,)."""
+        return np.asarray(self._scales * (2 * np.pi * frequency) ** self._integrations)
+
+    def running_sums(self) -> FloatArray:
+        """Re y_k y_kᴴ of all lines before each, (n_lines + 1, n_channels, n_channels)."""
+        of_lines = np.concatenate([self._lines.real, self._lines.imag], axis=1)
+        parts = of_lines.reshape(len(self._lines), 2, -1)
+        sums = np.zeros((len(parts) + 1, parts.shape[2], parts.shape[2]))
+        np.cumsum(parts.transpose(0, 2, 1) @ parts, axis=0, out=sums[1:])
+        return sums
+
     def _mean_matrix(self, frequency: float, nearest: float, farthest: float) -> FloatArray | None:
         """Mean of Re y_k y_kᴴ over the lines whose distance from f is in between [Hz]."""
         centre, T = frequency * self.duration, self.duration
@@ -141,3 +154,23 @@ class WindowSpectrum:
         if len(lines) < 1:
             return None
         return np.asarray((lines.T @ lines.conj()).real / len(lines))
+
+
+def peaks_and_flanks(
+    sums: FloatArray, centres: FloatArray, width: float
+) -> tuple[FloatArray, FloatArray]:
+    """Mean of Re y_k y_kᴴ at some places and beside them, (n, n_channels, n_channels) each.
+
+    sums      of `WindowSpectrum.running_sums`
+    centres   [lines];  width: half bandwidth [lines]
+    """
+
+    def within(reach: float) -> tuple[FloatArray, FloatArray]:
+        low = np.clip(np.ceil(centres - reach), 1, len(sums) - 2).astype(int)
+        high = np.clip(np.floor(centres + reach) + 1, 1, len(sums) - 2).astype(int)
+        return sums[high] - sums[low], (high - low)[:, None, None]
+
+    at, n_at = within(1.5 * width)
+    near, n_near = within(4 * width + 3)
+    far, n_far = within(8 * width + 10)
+    return at / np.maximum(n_at, 1), (far - near) / np.maximum(n_far - n_near, 1)

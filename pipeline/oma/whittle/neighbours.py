@@ -7,7 +7,7 @@ sharp neighbour costs no more than a wide one.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,6 +62,10 @@ class AroundMode:
             held += [place, m + place, *range(shape, shape + n_channels - 1)]
         along = np.delete(every_parameter(m, n_channels, one_colour=False), held, axis=1)
         return fitted(self._start(), self.band, along, most_steps=MOST_STEPS)
+
+    def without_first(self) -> WhittleFit | None:
+        """The neighbours alone in the same lines; None where there are none."""
+        return replace(self, modes=self.modes[1:]).fitted() if len(self.modes) > 1 else None
 
     def _start(self) -> CloseModes:
         """The modes as the poles have them, with the forces that their lines need."""

@@ -138,8 +138,12 @@ class JointInference:
         self, belief: Callable[[JointCoordinates], GaussianBelief]
     ) -> "JointInference":
         """The same with a prior of the springs, made for the coordinates."""
+        return self.with_fits(lambda fit: fit.with_belief(belief(fit.coordinates)))
+
+    def with_fits(self, change: Callable[[JointFit], JointFit]) -> "JointInference":
+        """The same with every alternative's fit changed."""
         return JointInference(
-            [(each, fit.with_belief(belief(fit.coordinates))) for each, fit in self.fits],
+            [(each, change(fit)) for each, fit in self.fits],
             structure=self.structure,
             layout=self.layout,
             prior=self.prior,
@@ -199,22 +203,17 @@ class JointInference:
             )
             for each, fit in fits
         ]
-        lowest = min((end.excess for end in ends if end is not None), default=np.inf)
-        peaks = []
-        for (each, fit), end in zip(fits, ends, strict=True):
-            if end is None or end.excess > lowest + HOPELESS * modes_to_a_cause(fit, end):
-                continue
-            if fit.is_rough:  # its other valleys are no better
-                peaks.append((each, fit, end))
-                continue
+        found = [(each, fit, end) for (each, fit), end in zip(fits, ends, strict=True) if end]
+        peaks: list[tuple[Alternative, JointFit, JointPeak]] = []
+        for each, fit, end in sorted(_not_lost(found), key=lambda one: one[2].excess):
             good = warm[each.name].good_cost(fit.settings.good_cost) if each.name in warm else None
-            peaks.append((each, fit, fit.improved(evidence, end, good_cost=good)))
-        lowest = min((peak.excess for *_, peak in peaks), default=np.inf)
-        return [
-            (each, fit, peak)
-            for each, fit, peak in peaks
-            if peak.excess <= lowest + HOPELESS * modes_to_a_cause(fit, peak)
-        ]
+            if fit.is_rough:  # its other valleys are no better
+                peak = end
+            else:  # the valleys are of figures that all alternatives have: one searches for all
+                known = [peaks[0][2].u] if peaks else None
+                peak = fit.improved(evidence, end, good_cost=good, starts=known)
+            peaks.append((each, fit, peak))
+        return _not_lost(peaks)
 
     def _with_discrepancy(
         self, fit: JointFit, evidence: ModalEvidence, peak: JointPeak
@@ -262,6 +261,18 @@ class JointInference:
             logs.append(np.log(alternative.probability) + log_likelihood)
         weights = np.exp(np.array(logs) - max(logs))
         return [float(weight) for weight in weights / weights.sum()]
+
+
+def _not_lost(
+    peaks: Sequence[tuple[Alternative, JointFit, JointPeak]],
+) -> list[tuple[Alternative, JointFit, JointPeak]]:
+    """Those whose cost is not hopelessly above the lowest."""
+    lowest = min((peak.excess for *_, peak in peaks), default=np.inf)
+    return [
+        (each, fit, peak)
+        for each, fit, peak in peaks
+        if peak.excess <= lowest + HOPELESS * modes_to_a_cause(fit, peak)
+    ]
 
 
 def modes_to_a_cause(fit: JointFit, peak: JointPeak) -> float:

@@ -205,16 +205,27 @@ class JointFit:
         )
 
     def improved(
-        self, evidence: ModalEvidence, peak: JointPeak, *, good_cost: float | None = None
+        self,
+        evidence: ModalEvidence,
+        peak: JointPeak,
+        *,
+        good_cost: float | None = None,
+        starts: Sequence[FloatArray] | None = None,
     ) -> JointPeak:
-        """The peak, or a cheaper one from the starts that few starts leave untried."""
+        """The peak, or a cheaper one from other starts; None: those that few starts leave
+        untried."""
         good = self.settings.good_cost if good_cost is None else good_cost
         if peak.relative_cost <= good:
             return peak
         remaining = islice(self._starts(evidence, ()), FEW_STARTS, None)
         most = self.settings.most_starts - FEW_STARTS
         found = self._cheapest_end(
-            evidence, remaining, best=peak, sigma=0.0, good_cost=good, most_starts=most
+            evidence,
+            remaining if starts is None else starts,
+            best=peak,
+            sigma=0.0,
+            good_cost=good,
+            most_starts=most,
         )
         return found or peak
 

@@ -1,7 +1,7 @@
 """One refresh of an uncertain structure: evidence in, joint posterior and its checks out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from pipeline.updating.structural.alternatives import (
     WarmStart,
     modes_to_a_cause,
 )
-from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE, JointFit
+from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE, JointFit, JointPeak
 from pipeline.updating.structural.posterior import ErrorBudget, error_budget
 from pipeline.updating.structural.predictive_checks import (
     FigureConflict,
@@ -26,7 +26,9 @@ from pipeline.updating.structural.predictive_checks import (
 from pipeline.updating.structural.relative_change import RelativeSprings, relative_springs
 from pipeline.updating.structural.sensors.faults import (
     SensorFault,
+    fault_named,
     sensor_fault,
+    still_explained,
     suspicious,
     wrong_cables,
 )
@@ -158,9 +160,12 @@ class _Attempt:
 
     @property
     def suspicious(self) -> bool:
-        """Whether a fault of the sensors may be behind it."""
-        best = self.result.best
-        return best.fit.is_rough or suspicious(best.fit, best.peak)
+        """Whether a fault of one sensor may be behind it."""
+        return suspicious(self.result.best.fit, self.result.best.peak)
+
+    def fits_nothing(self, guards: AcceptanceSettings) -> bool:
+        """Whether modes find no partners: only wrong cables or another description explain it."""
+        return self.result.best.fit.is_rough or self.refusal(guards) is not None
 
     def refusal(self, guards: AcceptanceSettings) -> QualityWarning | None:
         """Why the modes are not this structure's."""
@@ -182,24 +187,64 @@ def _tried(
     """The narrowest tolerance at which enough modes have a partner, or a fault of the sensors says
     why not; else the one at which most have; None where nothing can be compared."""
     level_std = _level_std(inference, measured)
+    known = _with_last_fault(inference, measured, warm, level_std=level_std, name=last_fault)
+    if known is not None and known.paired_share >= guards.paired_share:
+        return known
     first = min((each.tolerance for each in warm), default=FINEST_TOLERANCE)
     most: _Attempt | None = None
+    cables_searched = False
     for tolerance in (each for each in TOLERANCES if each >= first):
         fitted = _fitted(inference, measured, warm, level_std=level_std, tolerance=tolerance)
         if fitted is None:
             continue
         attempt = _Attempt(*fitted)
-        if attempt.refusal(guards) is None:
-            searched = attempt.suspicious
-        else:  # the last resort: wrong cables may be why nothing fits
-            searched = tolerance == TOLERANCES[-1] and (most is None or bool(most.refusal(guards)))
-        if searched:
-            attempt = _Attempt(*_with_sensor_fault(inference, *fitted, last_fault))
+        if attempt.fits_nothing(guards):
+            if not cables_searched:
+                attempt = _with_wrong_cables(inference, attempt, last_fault)
+            cables_searched = True
+        elif attempt.suspicious:
+            attempt = _with_sensor_fault(inference, attempt, last_fault)
         if attempt.fault is not None or attempt.paired_share >= guards.paired_share:
             return attempt
         if most is None or attempt.rank(guards) > most.rank(guards):
             most = attempt
     return most
+
+
+def _with_last_fault(
+    inference: JointInference,
+    measured: ModalEvidence,
+    warm: Sequence[WarmStart],
+    *,
+    level_std: float,
+    name: str,
+) -> _Attempt | None:
+    """The result with the fault that the last refresh found, while it still explains the evidence:
+    no other is looked for."""
+    fault = fault_named(name, inference.fits[0][1])
+    if fault is None:
+        return None
+    corrected = fault.corrected(measured)
+
+    def allowing(fit: JointFit) -> JointFit:
+        same = fault_named(name, fit)
+        return fit if same is None else same.fit
+
+    fitted = _fitted(
+        inference.with_fits(allowing),
+        corrected,
+        warm,
+        level_std=level_std,
+        tolerance=FINEST_TOLERANCE,
+    )
+    if fitted is None:
+        return None
+    result, evidence = fitted
+    best = result.best
+    as_stated = inference.fit_of(best.alternative.name).with_level_std(level_std)
+    fault = replace(fault, fit=best.fit)
+    sized = still_explained(fault, as_stated, fault.undone(evidence), best.peak)
+    return None if sized is None else _Attempt(result, evidence, sized)
 
 
 def _fitted(
@@ -226,23 +271,28 @@ def _fitted(
     return result, evidence
 
 
-def _with_sensor_fault(
-    inference: JointInference, result: JointResult, evidence: ModalEvidence, last: str
-) -> tuple[JointResult, ModalEvidence, SensorFault | None]:
-    """The result with the likeliest fault of a sensor taken into account; as it was for none."""
-    best = result.best
-    if best.fit.is_rough:
-        fine = best.fit.with_tolerance(FINEST_TOLERANCE)
-        found = wrong_cables(fine, evidence, best.peak.u, last=last)
-    else:
-        peak = best.fit.settled(evidence, best.peak.u) or best.peak  # by the floors alone
-        found = sensor_fault(best.fit, evidence, peak, last=last)
-    if found is None:
-        return result, evidence, None
-    fault, peak = found
-    corrected = fault.corrected(evidence)
-    fitted = inference.refitted(best, fault.fit, corrected, peak)
-    return JointResult((fitted,)), corrected, fault
+def _with_wrong_cables(inference: JointInference, attempt: _Attempt, last: str) -> _Attempt:
+    """The attempt with the cables that let most modes find their partners; as it was for none."""
+    best = attempt.result.best
+    fine = best.fit.with_tolerance(FINEST_TOLERANCE)
+    found = wrong_cables(fine, attempt.evidence, best.peak.u, last=last)
+    return attempt if found is None else _with_fault(inference, attempt, *found)
+
+
+def _with_sensor_fault(inference: JointInference, attempt: _Attempt, last: str) -> _Attempt:
+    """The attempt with the likeliest fault of a sensor taken into account; as it was for none."""
+    best, evidence = attempt.result.best, attempt.evidence
+    peak = best.fit.settled(evidence, best.peak.u) or best.peak  # by the floors alone
+    found = sensor_fault(best.fit, evidence, peak, last=last)
+    return attempt if found is None else _with_fault(inference, attempt, *found)
+
+
+def _with_fault(
+    inference: JointInference, attempt: _Attempt, fault: SensorFault, peak: JointPeak
+) -> _Attempt:
+    corrected = fault.corrected(attempt.evidence)
+    fitted = inference.refitted(attempt.result.best, fault.fit, corrected, peak)
+    return _Attempt(JointResult((fitted,)), corrected, fault)
 
 
 def _warm(each: FittedAlternative) -> WarmStart:

@@ -25,3 +25,24 @@ def test_a_mode_in_noise_is_no_mixture_though_its_shape_is_vague() -> None:
     for mode in vague:
         nearest = np.abs(structure.frequencies - mode.frequency).min()
         assert nearest == pytest.approx(0.0, abs=3 * mode.frequency_std)
+
+
+def test_a_mode_that_stands_out_of_the_lines_is_found_though_no_pole_shows_it() -> None:
+    """ζ 7 % at a third of the sampling rate: its poles scatter over one column and another."""
+    structure = draw(160_018)
+    modes = identify(structure.samples, structure.sampling_rate).modes
+    (found,) = [mode for mode in modes if mode.n_block_columns == 0 and mode.frequency > 1.0]
+    true = structure.frequencies[np.argmin(np.abs(structure.frequencies - found.frequency))]
+    assert abs(found.frequency - true) < 2 * found.frequency_std
+
+
+def test_no_std_of_a_pole_is_smaller_than_any_estimate_could_have() -> None:
+    structure = draw(160_003)
+    modes = identify(structure.samples, structure.sampling_rate).modes
+    of_poles = [mode for mode in modes if mode.n_block_columns]
+    assert of_poles
+    for mode in of_poles:
+        cycles = 2 * np.pi * mode.frequency * structure.duration
+        bound = np.sqrt(mode.damping_ratio / cycles)
+        assert mode.frequency_std >= bound * mode.frequency
+        assert mode.damping_ratio_std >= bound

@@ -8,7 +8,7 @@ faults that were tried allow.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -49,6 +49,10 @@ class SensorFault:
         """The evidence with the channels put right."""
         return evidence.with_channels(self.order, self.signs)
 
+    def undone(self, corrected: ModalEvidence) -> ModalEvidence:
+        """The evidence as it came: flipping or exchanging twice changes nothing."""
+        return self.corrected(corrected)
+
 
 def suspicious(fit: JointFit, peak: JointPeak) -> bool:
     """Whether shapes or sensors' figures call for a search."""
@@ -73,13 +77,37 @@ def sensor_fault(
            looked for
     """
     figures, corrections = list(_wrong_figures(fit)), list(_wrong_cables(fit))
-    known = [each for each in (*figures, *corrections, *_exchanges(fit)) if each.name == last]
-    found = _best_of(known, evidence, peak)
+    known = fault_named(last, fit)
+    found = _best_of([known] if known else [], evidence, peak)
     if found is None:
         corrections.sort(key=lambda each: fit.cost_at(each.corrected(evidence), peak.u))
         likely = [*corrections[:CORRECTIONS_TRIED], *_best_paired(_exchanges(fit), fit, evidence)]
         found = _best_of([*figures, *likely], evidence, peak)
     return found
+
+
+def fault_named(name: str, fit: JointFit) -> SensorFault | None:
+    """The fault of that name with this fit; None where the layout has no such sensor."""
+    faults = chain(_wrong_figures(fit), _wrong_cables(fit), _exchanges(fit))
+    return next((each for each in faults if each.name == name), None)
+
+
+def still_explained(
+    fault: SensorFault, fit: JointFit, measured: ModalEvidence, peak: JointPeak
+) -> SensorFault | None:
+    """The fault with its size in words, while the evidence needs it; else None.
+
+    fit        without the fault
+    measured   at the model's water level, channels as they came
+    peak       with the fault
+    """
+    if peak.relative_cost > LARGEST_COST:
+        return None
+    without = fit.settled(measured, peak.u)
+    if without is not None and without.excess < peak.excess + LEAST_DROP:
+        return None
+    text = _sized(fault, peak)
+    return replace(fault, text=text) if text else None
 
 
 def wrong_cables(

@@ -9,6 +9,7 @@ from pipeline.messages import FoundationPosterior
 from pipeline.transport.codec import decode, encode
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.structural import refresh
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.structural.joint_message import distrust
@@ -81,9 +82,10 @@ def test_a_turned_sensor_is_named(inference: JointInference) -> None:
     ("seed", "pair"), [(21, (0, 1)), pytest.param(22, (2, 4), marks=pytest.mark.nightly)]
 )
 def test_two_channels_exchanged_from_the_start_are_named(
-    inference: JointInference, seed: int, pair: tuple[int, int]
+    inference: JointInference, seed: int, pair: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Along one direction modes keep their partners; across, most lose them."""
+    """Along one direction modes keep their partners; across, most lose them. The next refresh
+    goes by the fault that is known."""
     one, other = pair
     channels = list(LAYOUT.channels)
     names = [channels[one].name, channels[other].name]
@@ -101,6 +103,26 @@ def test_two_channels_exchanged_from_the_start_are_named(
     assert found.refusal is None
     draws = np.log(found.draws[:, :3] * NOMINAL / truth.theta)
     assert np.abs(draws.mean(axis=0) / draws.std(axis=0)).max() < 3.5
+    for search in ("sensor_fault", "wrong_cables"):
+        monkeypatch.setattr(refresh, search, lambda *_, **__: pytest.fail("searched again"))
+    again = joint_refresh(inference, evidence, found.warm_starts, rng, last_fault=found.fault.name)
+    assert again is not None
+    assert again.fault is not None
+    assert again.fault.text == found.fault.text
+
+
+def test_a_known_fault_that_the_evidence_does_not_need_is_let_go(
+    inference: JointInference, one_structure: JointRefresh
+) -> None:
+    found = joint_refresh(
+        inference,
+        one_structure.evidence,
+        one_structure.warm_starts,
+        np.random.default_rng(8),
+        last_fault="flipped z80-fa",
+    )
+    assert found is not None
+    assert found.fault is None
 
 
 @pytest.fixture(scope="module")
