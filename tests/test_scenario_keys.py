@@ -4,12 +4,16 @@ import ast
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from contextlib import suppress
+from dataclasses import MISSING, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import pytest
+
 from pipeline.scenario import Scenario, shipped_scenarios
+from sensors.errors import InputError
 from sensors.settings import key_fields, settings_type
 
 TESTS = Path(__file__).parent
@@ -93,3 +97,43 @@ def test_every_key_is_turned_by_a_test_or_a_shipped_scenario() -> None:
 def test_the_number_of_keys_only_falls() -> None:
     keys = sorted(settings_keys())
     assert len(keys) <= MOST_KEYS, "\n".join(keys)
+
+
+NEGATIVE = {
+    "sensors.corner_frequency", "simulation.wind.shear_exponent", "simulation.sea.direction",
+    "simulation.stages.at", "simulation.tide.amplitude", "simulation.tide.stiffness_share",
+    "simulation.instruments.drift_per_hour", "updating.sampler.effective_draws",
+}  # fmt: skip
+NOTHING = NEGATIVE | {
+    "simulation.broadband.tower_rms", "simulation.broadband.blade_rms",
+    "simulation.waves.fore_aft_rms", "simulation.waves.side_side_rms",
+    "simulation.wind.turbulence_intensity", "simulation.sea.significant_wave_height",
+    "simulation.sea.inertia_coefficient", "simulation.sea.drag_coefficient",
+    "simulation.rotor.first_harmonic", "simulation.rotor.third_harmonic",
+    "simulation.foundation.softening", "simulation.transient", "simulation.noise_share",
+    "simulation.instruments.noise_density", "simulation.instruments.full_scale",
+    "simulation.scada_period", "oma.lateness", "updating.likelihood.frequency_floor",
+    "updating.likelihood.shape_floor", "farm.spread", "farm.log_std", "recording.free_megabytes",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("value", "taken"), [(-1, NEGATIVE), (0, NOTHING)])
+def test_a_quantity_that_has_to_be_positive_is_refused_where_it_is_not(
+    value: int, taken: set[str]
+) -> None:
+    """The keys that take a negative number, or none at all, are listed; all others are one line."""
+    accepted = set()
+    for path, (cls, name) in settings_keys().items():
+        if any(is_required(each) for each in key_fields(cls)):
+            continue
+        default = getattr(cls(), name)
+        if isinstance(default, int | float) and not isinstance(default, bool):
+            with suppress(InputError):
+                replace(cls(), **{name: type(default)(value)})
+                accepted.add(path)
+    assert accepted == taken
+
+
+def is_required(field: Any) -> bool:
+    """Whether a settings type cannot be made without this field."""
+    return field.default is MISSING and field.default_factory is MISSING

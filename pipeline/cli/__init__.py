@@ -6,11 +6,12 @@ failed node.
 
 import errno
 import logging
+import os
 import re
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -57,6 +58,8 @@ ENVIRONMENT_ERRORS = frozenset(
 )
 
 
+LOG_FORMAT = "PILEWATCH_LOG_FORMAT"  # variable of the environment
+
 # What typer raises for wrong arguments; its class has no public name.
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
@@ -74,6 +77,10 @@ def common_options(
         int, typer.Option("-v", "--verbose", count=True, help="Log more; -vv: for debugging.")
     ] = 0,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Log errors only.")] = False,
+    log_format: Annotated[
+        Literal["text", "json"],
+        typer.Option(envvar=LOG_FORMAT, help="json: every line of the log is one JSON object."),
+    ] = "text",
     shown_version: Annotated[
         bool,
         typer.Option("--version", callback=print_version, is_eager=True, help="Print the version."),
@@ -82,6 +89,8 @@ def common_options(
     """Options before the name of a command."""
     more = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     logging.getLogger().setLevel(logging.ERROR if quiet else more)
+    stderr.json_lines = log_format == "json"
+    os.environ[LOG_FORMAT] = log_format  # nodes that run as processes log alike
 
 
 class ConsoleHandler(logging.Handler):
@@ -89,6 +98,9 @@ class ConsoleHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one log record."""
+        if stderr.json_lines:
+            stderr.log_line(record)
+            return
         text = f"{record.levelname.lower()}: {self.format(record)}"
         stderr.print(text, soft_wrap=True, markup=False, highlight=False)
 
@@ -147,7 +159,8 @@ def _wanted_number(found: re.Match[str]) -> str:
     return "a whole number is needed" if found[1] == "integer" else f"a valid {found[1]} is needed"
 
 
-LOGGING_OPTIONS = ("-v", "-vv", "--verbose", "-q", "--quiet")  # of every command, before its name
+# Of every command, before its name.
+LOGGING_OPTIONS = ("-v", "-vv", "--verbose", "-q", "--quiet", "--log-format")
 
 
 def _usage_text(error: Any) -> str:
@@ -159,7 +172,8 @@ def _usage_text(error: Any) -> str:
     option = getattr(error, "option_name", "")
     if option in LOGGING_OPTIONS and context is not None:
         name = context.info_name
-        return f"{option} stands before the command: `pilewatch {option} {name} …`"
+        given = f"{option} json" if option == "--log-format" else option
+        return f"{option} stands before the command: `pilewatch {given} {name} …`"
     command = (
         context.command_path if context is not None else " ".join(["pilewatch", *sys.argv[1:2]])
     )

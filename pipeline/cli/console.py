@@ -1,17 +1,20 @@
 """What the commands share: output streams, progress bars, options, signals."""
 
 import json
+import logging
 import re
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from rich.console import Console
+from rich.markup import render
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sensors.errors import InputError
@@ -31,8 +34,56 @@ class LineConsole(Console):
         super().print(*objects, **options)
 
 
+class JsonFormatter(logging.Formatter):
+    """A log record as one line of JSON: time (UTC), level, logger, message, exception."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line."""
+        moment = datetime.fromtimestamp(record.created, UTC)
+        line = {
+            "time": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        if record.exc_info:
+            line["exception"] = self.formatException(record.exc_info)
+        return json.dumps(line, ensure_ascii=False)
+
+
+class LogConsole(LineConsole):
+    """The console of progress, warnings and errors, which may write lines of JSON instead."""
+
+    json_lines = False
+
+    @property
+    def is_terminal(self) -> bool:
+        """False among lines of JSON: no progress bar is drawn between them."""
+        return super().is_terminal and not self.json_lines
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print as `Console` does; as JSON, the markup's colour is the level."""
+        if not self.json_lines:
+            super().print(*objects, **options)
+            return
+        for text in map(str, objects):
+            plain = render(text).plain if options.get("markup", True) else text
+            level = "WARNING" if "yellow]" in text else "ERROR" if "red]" in text else "INFO"
+            record = {
+                "name": "pilewatch",
+                "levelname": level,
+                "msg": plain.removeprefix("pilewatch: "),
+            }
+            self.log_line(logging.makeLogRecord(record))
+
+    def log_line(self, record: logging.LogRecord) -> None:
+        """Write one record as a line of JSON."""
+        self.file.write(JsonFormatter().format(record) + "\n")
+        self.file.flush()
+
+
 # Without emoji: they would replace what is between two colons, as in an address.
-stderr = LineConsole(stderr=True, emoji=False)  # progress, warnings, errors
+stderr = LogConsole(stderr=True, emoji=False)  # progress, warnings, errors
 output = LineConsole(emoji=False)  # results
 
 ScenarioOption = Annotated[

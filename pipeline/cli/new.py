@@ -1,8 +1,11 @@
 """`pilewatch new`: from files of measurements to a folder in which a run starts."""
 
+import sys
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +15,7 @@ from sensors.errors import InputError
 
 if TYPE_CHECKING:
     from pipeline.offline.new_project import NewProject
+    from sensors.files.channel_names import GuessedChannel
     from sensors.structure.foundation import FoundationSprings
 
 
@@ -51,24 +55,34 @@ def new(
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
     ] = None,
     dates: DatesOption = None,
+    zone: Annotated[
+        str, typer.Option(help="Time zone of dates that state none, such as Europe/Berlin; UTC.")
+    ] = "",
+    scada: Annotated[
+        list[Path] | None,
+        typer.Option(help="A file of wind, rotor, power or water level over time; repeatable."),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Ask nothing; what the files do not state is guessed.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Start from your own files: guess the layout, write scenario, layout and recording."""
-    from pipeline.offline.new_project import start_project
-
     folder = out or Path(files[0].stem)
-    with stderr.status(f"reading {', '.join(str(file) for file in files)}"):
-        project = start_project(
-            files,
-            folder,
-            name=name,
-            structure=structure,
-            subdyn=subdyn,
-            mudline=mudline,
-            springs=None if springs is None else _springs(springs),
-            sampling_rate=sampling_rate,
-            dates=dates,
-        )
+    options: dict[str, Any] = {
+        "name": name,
+        "structure": structure,
+        "subdyn": subdyn,
+        "mudline": mudline,
+        "springs": None if springs is None else _springs(springs),
+        "sampling_rate": sampling_rate,
+        "dates": dates,
+        "zone": zone,
+        "scada": scada or (),
+    }
+    asking = sys.stdin.isatty() and stderr.is_terminal and not (yes or as_json)
+    project = _started(files, folder, options, asking=asking)
+    sampling_rate = options["sampling_rate"]
     drawing = _drawn(project)
     if as_json:
         channels = [asdict(each) for each in project.channels]
@@ -86,7 +100,7 @@ def new(
         )
         return
     number = count_noun(len(project.channels), "channel")
-    output.print(f"{number} at {project.sampling_rate:g} Hz:")
+    output.print(f"{number} at {project.sampling_rate:g} Hz, {_span(project, zone)}:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
     if project.left_out:
@@ -117,6 +131,68 @@ def new(
     output.print(f"Next:  cd {where} && pilewatch run && pilewatch report out", soft_wrap=True)
 
 
+def _span(project: "NewProject", zone: str) -> str:
+    """Return when the record begins and how long it is: what a wrong zone or date shows in."""
+    from sensors.acquisition.blocks import NANOSECONDS
+    from sensors.files.block_builder import FIRST_DAY_NS, moment
+
+    begin, end = project.span_ns
+    seconds = f"{(end - begin) / NANOSECONDS:g} s"
+    if begin < FIRST_DAY_NS:
+        return f"{seconds} without a date"
+    hint = "" if zone else " (a date without a zone is taken as UTC: --zone)"
+    return f"{seconds} from {moment(begin)[:19]} UTC{hint}"
+
+
+def _started(
+    files: list[Path], folder: Path, options: dict[str, Any], *, asking: bool
+) -> "NewProject":
+    """The project; on a terminal an error that names an option of QUESTIONS is a question."""
+    from pipeline.offline.new_project import start_project
+
+    if asking:
+        options["place"] = cache(_placed)
+    while True:
+        try:
+            return start_project(files, folder, **options)
+        except InputError as error:
+            name = next((each for each, words in QUESTIONS.items() if words in str(error)), None)
+            if not asking or name is None or options[name] is not None:
+                raise
+            stderr.print(escape_markup(str(error)))
+            text = typer.prompt(
+                name.replace("_", " "), err=True, value_proc=_answer(READ_ANSWER[name])
+            )
+            options[name] = text
+
+
+def _placed(channel: "GuessedChannel") -> "GuessedChannel":
+    """Ask where a channel was; its guess where the answer is empty."""
+    from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
+    from sensors.files.channel_names import UP, placed
+
+    axes = {FORE_AFT: "fa", SIDE_SIDE: "ss", UP: "up"}
+    guess = f"{channel.elevation:g} {axes[channel.direction]}"
+    return typer.prompt(
+        f"{channel.name}: {channel.reason}. Height [m] and axis (fa, ss, up)",
+        default=guess,
+        err=True,
+        value_proc=_answer(lambda text: channel if text == guess else placed(channel, text)),
+    )
+
+
+def _answer(read: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Ask again where an answer cannot be read."""
+
+    def read_or_ask_again(text: str) -> Any:
+        try:
+            return read(text)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
+
+    return read_or_ask_again
+
+
 def _springs(text: str) -> "FoundationSprings":
     from sensors.structure.foundation import FoundationSprings
 
@@ -125,6 +201,29 @@ def _springs(text: str) -> "FoundationSprings":
     except ValueError:
         raise InputError(f"--springs {text!r}: three numbers are needed, k11,k22,k12") from None
     return FoundationSprings(k11, k22, abs(k12), "embedded-pile" if k12 < 0 else "published")
+
+
+def _rate(text: str) -> float:
+    return float(text.replace(",", ".").removesuffix("Hz"))
+
+
+def _dates(text: str) -> str:
+    if text not in ("day-first", "month-first"):
+        raise InputError(f"{text!r}: day-first or month-first")
+    return text
+
+
+# What no file can show: an error with these words asks for the option.
+QUESTIONS = {
+    "sampling_rate": "--sampling-rate HZ",
+    "dates": "--dates day-first",
+    "springs": "give --springs",
+}
+READ_ANSWER: dict[str, Callable[[str], Any]] = {
+    "sampling_rate": _rate,
+    "dates": _dates,
+    "springs": _springs,
+}
 
 
 def _structure_line(described: Path) -> str:

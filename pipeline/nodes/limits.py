@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 
 from sensors.errors import InputError
-from sensors.settings import NEVER_A_KEY
+from sensors.settings import NO_KEY
 
 
 class LimitError(InputError):
@@ -16,14 +16,15 @@ class LimitSettings:
 
     channels: int = 100
     """Of a unit: the time for a window grows with their square."""
-    sampling_rate: float = 10_000.0
-    """Of a unit [Hz]."""
+    sampling_rate: float = field(default=10_000.0, metadata=NO_KEY)
+    """Of a unit [Hz]: faster is no vibration of a tower."""
     block_megabytes: float = 5.0
     """Samples of one block [10⁶ bytes]."""
     cpu_seconds: float = 120.0
     """For the identification of a window, in a run [s]; beyond, the window is rejected."""
-    window_values: float = field(default=5e7, metadata=NEVER_A_KEY)
-    """Values of a window: ten minutes of eight channels at 10 kHz, 200 MB."""
+    window_values: float = 1e7
+    """Samples × channels of a window, of some 40 bytes while it is identified: sixteen channels
+    at 1 kHz over ten minutes."""
     units: int = 16
     """Names of units of a turbine."""
     turbines: int = 300

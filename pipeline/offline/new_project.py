@@ -7,7 +7,7 @@ files ──► motions, with a guess of each one's place ──► layout.toml
 import logging
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,13 +15,22 @@ import numpy as np
 
 from pipeline.scenario import NO_STRUCTURE, scenario_from_text
 from pipeline.sources.import_files import Measurement, open_measurement, record_measurement
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
+from sensors.files.block_builder import moment, open_file
 from sensors.files.channel_names import GuessedChannel, UnusedChannel, guess_channels, split_motions
 from sensors.files.conditions import ConditionChannel, condition_channels, read_conditions
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import parse_layout
-from sensors.files.table import EVERYTHING, ChannelTable, DateOrder, FileError, dated
+from sensors.files.table import (
+    EVERYTHING,
+    UNSTATED,
+    ChannelTable,
+    DateOrder,
+    FileError,
+    TimeColumn,
+)
 from sensors.settings import toml_string
 from sensors.structure.decks.bmodes import read_bmodes
 from sensors.structure.decks.elastodyn import read_elastodyn
@@ -41,6 +50,8 @@ YAML = (".yaml", ".yml")  # of WindIO
 DAT, BMI = ".dat", ".bmi"  # of ElastoDyn, of BModes
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 LOWEST_RATE = 0.2  # of samples that can show a tower's or a floater's motion [Hz]
+SLOWER = 0.9  # of the values of others: a channel below has a lower sampling rate [-]
+LONGEST_SCADA_STEP = 3600 * NANOSECONDS  # of a controller's means [ns]
 WINDOW = 600.0  # length of an identified window, unless the record is shorter [s]
 
 
@@ -59,11 +70,13 @@ class NewProject:
     """Channels whose values are recorded as SCADA samples."""
     structure: str
     """Description that the scenario names; "none" for modes alone."""
+    span_ns: tuple[int, int]
+    """Of the record, its first sample and one past its last [ns since 1970-01-01 UTC]."""
 
     @property
     def complete(self) -> bool:
         """Whether every channel's height and axis were in its name."""
-        return all(each.height_known and each.direction_known for each in self.channels)
+        return all(each.known for each in self.channels)
 
 
 def start_project(
@@ -77,6 +90,9 @@ def start_project(
     mudline: float | None = None,
     sampling_rate: float | None = None,
     dates: DateOrder | None = None,
+    zone: str = "",
+    scada: Sequence[Path] = (),
+    place: Callable[[GuessedChannel], GuessedChannel] | None = None,
 ) -> NewProject:
     """Write layout, scenario and recording of a measurement into a folder.
 
@@ -102,6 +118,12 @@ def start_project(
         [Hz]; needed where the files have neither a rate nor time stamps.
     dates : {"day-first", "month-first"}, optional
         What comes first in dates such as 3/4/2024.
+    zone : str
+        Time zone of dates that state none, such as "Europe/Berlin"; UTC by default.
+    scada : sequence of Path
+        The controller's files: wind, rotor, power, water level over time.
+    place : callable, optional
+        Guess of a channel whose name lacks height or axis → where it was; None: as guessed.
 
     Returns
     -------
@@ -121,31 +143,36 @@ def start_project(
             raise InputError(f"{path} exists; choose another folder with -o")
     described = structure_text(structure, subdyn, springs, mudline)
     turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
-    table = channels_in(files[0], None, dated(EVERYTHING, dates))
+    time = TimeColumn(dates=dates, zone=zone)
+    table = channels_in(files[0], None, replace(EVERYTHING, time=time))
     columns, left_out = choose_channels(table, str(files[0]))
     channels = guess_channels(table.only(columns).names)
-    unknown = [each.name for each in channels if not (each.height_known and each.direction_known)]
+    if place is not None:
+        channels = tuple(each if each.known else place(each) for each in channels)
+    unknown = [each.name for each in channels if not each.known]
     if unknown and structure != NO_STRUCTURE:
         raise InputError(
             f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
             "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
         )
-    measurement = _measurement(files, channels, turbine, sampling_rate, dates)
+    measurement = _measurement(files, channels, turbine, sampling_rate, time)
     if measurement.sampling_rate < LOWEST_RATE:
         raise InputError(
             f"{files[0]}: a value every {1 / measurement.sampling_rate:g} s is a mean, no motion; "
             f"modes need samples, at least {LOWEST_RATE:g} a second"
         )
-    n_samples, still = _survey(measurement)
+    n_samples, span_ns, unused = _survey(measurement)
     if n_samples < measurement.sampling_rate:
         listed = ", ".join(str(file) for file in files)
         raise InputError(f"{listed}: less than 1 s of samples that are not NaN; nothing to watch")
-    if still:
-        left_out += tuple(UnusedChannel(name, "constant over the record") for name in still)
-        channels = tuple(each for each in channels if each.name not in still)
-        measurement = _measurement(files, channels, turbine, sampling_rate, dates)
+    if unused:
+        left_out += unused
+        gone = {each.name for each in unused}
+        channels = tuple(each for each in channels if each.name not in gone)
+        measurement = _measurement(files, channels, turbine, sampling_rate, time)
+    of_controller, read = _controller_samples(scada, turbine, time, span_ns)
     folder.mkdir(parents=True, exist_ok=True)
-    layout_file.write_text(layout_text(channels, turbine, dates), encoding="utf-8")
+    layout_file.write_text(layout_text(channels, turbine, time), encoding="utf-8")
     named = structure if described is None else STRUCTURE_FILE
     text = scenario_text(turbine, named, n_samples / measurement.sampling_rate)
     scenario = scenario_from_text(text, str(scenario_file))
@@ -157,15 +184,17 @@ def start_project(
     recording.parent.mkdir(exist_ok=True)
     known = condition_channels(*_names_and_units(table, left_out))
     conditions = () if measurement.counted else _conditions(measurement, known)
-    record_measurement(measurement, recording, scenario=scenario, conditions=conditions)
+    together = sorted((*conditions, *of_controller), key=lambda each: each.time_ns)
+    record_measurement(measurement, recording, scenario=scenario, conditions=together)
     return NewProject(
         folder,
         recording,
         channels,
         measurement.sampling_rate,
         left_out,
-        tuple(each.name for each in known.values()) if conditions else (),
+        tuple(each.name for each in known.values() if conditions) + read,
         named,
+        span_ns,
     )
 
 
@@ -199,24 +228,75 @@ def _measurement(
     channels: Sequence[GuessedChannel],
     turbine: str,
     sampling_rate: float | None,
-    dates: DateOrder | None,
+    time: TimeColumn,
 ) -> Measurement:
-    layout = parse_layout(layout_text(channels, turbine, dates), "layout.toml")
+    layout = parse_layout(layout_text(channels, turbine, time), "layout.toml")
     return open_measurement(files, layout=layout, turbine=turbine, sampling_rate=sampling_rate)
 
 
-def _survey(measurement: Measurement) -> tuple[int, frozenset[str]]:
-    """Return the number of samples and the channels that never change, unless none does."""
-    count = 0
+def _survey(measurement: Measurement) -> tuple[int, tuple[int, int], tuple[UnusedChannel, ...]]:
+    """Return the number of samples, the record's begin and end [ns], and the channels that cannot
+    be used: those that never change, and those that are sampled more slowly than others."""
+    count, start_ns, end_ns = 0, 0, 0
     lowest = np.full(len(measurement.layout.channels), np.inf)
     highest = -lowest
+    present = np.zeros(len(lowest), dtype=np.int64)
     for block in measurement.blocks():
+        start_ns, end_ns = (block.start_ns if not count else start_ns), block.end_ns
         count += len(block.samples)
+        present += np.isfinite(block.samples).sum(axis=0)
         lowest = np.fmin(lowest, np.fmin.reduce(block.samples))
         highest = np.fmax(highest, np.fmax.reduce(block.samples))
-    names = measurement.layout.channel_names
-    still = [name for name, each in zip(names, lowest >= highest, strict=True) if each]
-    return count, frozenset(still if len(still) < len(names) else ())
+    unused = []
+    for name, each, still in zip(
+        measurement.layout.channel_names, present, lowest >= highest, strict=True
+    ):
+        every = round(count / each) if each else 0
+        if still:
+            unused.append(UnusedChannel(name, "constant over the record"))
+        elif each < SLOWER * present.max() and abs(count / each - every) < 1 - SLOWER:
+            rate = measurement.sampling_rate / every
+            unused.append(UnusedChannel(name, f"a value in every {every} rows: {rate:g} Hz"))
+    return count, (start_ns, end_ns), tuple(unused if len(unused) < len(present) else ())
+
+
+def _controller_samples(
+    files: Sequence[Path], turbine: str, time: TimeColumn, span_ns: tuple[int, int]
+) -> tuple[list[ScadaSample], tuple[str, ...]]:
+    """Return the SCADA samples of a controller's files, and the names of the columns that are read.
+
+    Raises
+    ------
+    InputError
+        If a file has none, has no times, or none during the measurement.
+    """
+    samples: list[ScadaSample] = []
+    names: tuple[str, ...] = ()
+    for path in files:
+        file, first = open_file(path, None, replace(EVERYTHING, time=time))
+        known = condition_channels(file.names, file.units)
+        if not known:
+            raise InputError(
+                f"--scada {path}: none of {', '.join(file.names)} is wind, rotor speed, pitch, "
+                "yaw, power or water level by its name and unit"
+            )
+        if first.times is None or not file.start_ns:
+            raise InputError(f"--scada {path}: its rows have no date and time")
+        own = list(read_conditions([file], known, turbine))
+        begin, end = own[0].time_ns, own[-1].time_ns
+        step = min(own[1].time_ns - begin, LONGEST_SCADA_STEP) if len(own) > 1 else 0
+        if begin >= span_ns[1] or end + step <= span_ns[0]:
+            raise InputError(
+                f"--scada {path}: {_span(begin, end)} has nothing of the measurement's "
+                f"{_span(*span_ns)}; dates that state no zone are UTC, or of --zone"
+            )
+        samples += [each for each in own if span_ns[0] - step < each.time_ns < span_ns[1]]
+        names += tuple(each.name for each in known.values() if each.name not in names)
+    return samples, names
+
+
+def _span(begin_ns: int, end_ns: int) -> str:
+    return f"{moment(begin_ns)[:19]} to {moment(end_ns)[:19]} UTC"
 
 
 def _names_and_units(
@@ -285,7 +365,7 @@ def _of_deck(
 
 
 def layout_text(
-    channels: Sequence[GuessedChannel], turbine: str, dates: DateOrder | None = None
+    channels: Sequence[GuessedChannel], turbine: str, time: TimeColumn = UNSTATED
 ) -> str:
     """The layout file of guessed channels, each with what it was read from."""
     lines = [
@@ -302,8 +382,9 @@ def layout_text(
             f"elevation = {each.elevation:.6g}" + ("" if each.height_known else "  # place only"),
             f"direction = [{direction}]",
         ]
-    if dates is not None:
-        lines += ["", "[time]", f"dates = {toml_string(dates)}"]
+    stated = {"dates": time.dates, "zone": time.zone}
+    if any(stated.values()):
+        lines += ["", "[time]", *(f"{k} = {toml_string(v)}" for k, v in stated.items() if v)]
     return "\n".join(lines) + "\n"
 
 

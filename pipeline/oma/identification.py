@@ -27,9 +27,9 @@ from pipeline.oma.ssi.band_identification import (
     band_covariances,
     modes_of_covariances,
 )
-from pipeline.oma.ssi.bands import plan_bands
+from pipeline.oma.ssi.bands import Band, plan_bands
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
-from pipeline.oma.ssi.covariance import references_among, with_bounded_references
+from pipeline.oma.ssi.covariance import References, references_among, with_bounded_references
 from pipeline.oma.ssi.measured_quantities import integrations_of
 from pipeline.oma.ssi.preprocessing import decimated, without_offset
 from pipeline.oma.ssi.stabilization import PoleCloud
@@ -49,8 +49,8 @@ SURE_SHARE = 0.25  # of the half bandwidth: what f and ζ of a mode are known to
 # vague; of 48 `structures` (seeds 74001 to 74048) no pole of noise was known better than to .5
 MODERATE_SHARE = 0.75  # of the half bandwidth: what f and ζ are known to, where the shape is [-]
 
-MOST_FITTED_CHANNELS = 50  # the noise of n channels has n (n + 1) / 2 parameters in a fit; of a
-# hundred, its curvature alone takes gigabytes and minutes, and the poles stand as they are
+MOST_FITTED_CHANNELS = 32  # the noise of n channels has n (n + 1) / 2 parameters in a fit: with
+# 32 a window takes 40 s of CPU, with 50 minutes; beyond, the poles stand as they are
 
 TWINS_PLACE = 0.01  # twins this near to a mode that was found are reported by it, relative
 
@@ -123,12 +123,28 @@ def identify(
         settings=settings,
     )
     steady = without_offset(clean)
+    del clean  # a window of a fast recorder has gigabytes
     turning = rotor_speed is not None and turns(rotor_speed)
     if rotor_speed is not None and turning:
         steady = without_harmonics(steady, sampling_rate, rotor_speed)
     integrations = integrations_of(quantities, samples.shape[1])
+    by_band = _modes_by_band(steady, bands, settings, references, integrations)
+    found = concluded(by_band, steady, sampling_rate, findings, settings, integrations)
+    if rotor_speed is not None and turning:
+        found = _without_followers(found, len(steady) / sampling_rate, rotor_speed)
+    return _cross_checked(found, steady, sampling_rate) if cross_checked else found
+
+
+def _modes_by_band(
+    steady: FloatArray,
+    bands: Sequence[Band],
+    settings: OmaSettings,
+    references: References,
+    integrations: IntArray | None,
+) -> list[BandIdentification]:
+    """Each band's modes; what is decimated for them is not held any longer."""
     at_rate = {q: decimated(steady, q) for q in {band.decimation for band in bands}}
-    by_band = [
+    return [
         modes_of_covariances(
             band_covariances(
                 at_rate[band.decimation], band, settings, references, n_samples=len(steady)
@@ -139,10 +155,6 @@ def identify(
         )
         for band in bands
     ]
-    found = concluded(by_band, steady, sampling_rate, findings, settings, integrations)
-    if rotor_speed is not None and turning:
-        found = _without_followers(found, len(steady) / sampling_rate, rotor_speed)
-    return _cross_checked(found, steady, sampling_rate) if cross_checked else found
 
 
 def _without_followers(

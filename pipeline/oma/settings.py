@@ -49,6 +49,8 @@ class OmaSettings:
         for name in ("window_duration", "hop"):
             if not getattr(self, name) > 0:
                 raise OmaSettingsError(f"[oma] {name} is {getattr(self, name)}; it must be > 0")
+        if not self.lateness >= 0:
+            raise OmaSettingsError(f"[oma] lateness is {self.lateness} s; it must be >= 0")
         if self.hop > self.window_duration:
             raise OmaSettingsError(
                 f"[oma] hop is {self.hop:g} s, longer than window_duration "

@@ -47,7 +47,6 @@ from pipeline.oma.ssi.covariance import (
     takes_some,
 )
 from pipeline.oma.ssi.preprocessing import decimated, n_decimated
-from pipeline.oma.ssi.ssi_cov import SignalSubspace
 from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import FloatArray
 
@@ -134,8 +133,9 @@ class StreamingIdentifier:
     What comes is filtered in pieces of some ten seconds that begin where windows do, whatever the
     blocks' length: a stream that is taken up again at a window gives the same numbers.
 
-    Where the hop is no whole number of time blocks, nothing can be shared between windows and
-    each is identified from its samples.
+    Where windows do not overlap, or the hop is no whole number of time blocks, nothing is shared
+    between windows and each is identified from its samples: the covariances of its blocks take
+    twenty times their memory, and a hundred turbines fill a window at the same time.
     """
 
     def __init__(self, sampling_rate: float, n_channels: int, settings: OmaSettings):
@@ -150,14 +150,14 @@ class StreamingIdentifier:
             settings=settings,
         )
         whole = abs(settings.hop * sampling_rate - self._hop) < 1e-6
-        shared = whole and all(self._hop % self._block(band) == 0 for band in bands)
+        overlap = self._hop < self._window
+        shared = overlap and whole and all(self._hop % self._block(band) == 0 for band in bands)
         shared = shared and not takes_some(n_channels, settings)  # a window's own are taken
         self._rings = [self._ring(band) for band in bands] if shared else []
         self._piece = largest_piece(
             math.gcd(self._window, self._hop), FILTERED_AT_ONCE * sampling_rate
         )
         self._held: list[FloatArray] = []  # samples on their way to the rings
-        self._subspaces: list[SignalSubspace | None] = [None] * len(self._rings)
 
     def _block(self, band: Band) -> int:
         """A time block of the band, in samples at the full rate."""
@@ -223,16 +223,12 @@ class StreamingIdentifier:
         steady = np.asarray(samples, dtype=np.float64)
         offset = steady.mean(axis=0)
         by_band = []
-        for place, ring in enumerate(self._rings):
+        for ring in self._rings:
             covariances = ring.covariances(
                 hops * self._hop // self._block(ring.band),
                 self._blocks_in_window(ring.band),
                 offset,
                 references,
             )
-            result = modes_of_covariances(
-                covariances, ring.band, self._settings, self._subspaces[place]
-            )
-            self._subspaces[place] = result.subspace
-            by_band.append(result)
+            by_band.append(modes_of_covariances(covariances, ring.band, self._settings))
         return concluded(by_band, steady - offset, self._rate, findings, self._settings)

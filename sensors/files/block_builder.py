@@ -25,6 +25,8 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.formats import read_chunks
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
+from sensors.files.text.columns import log_once
+from sensors.files.text.preamble import start_in_name
 
 GAP = 0.5  # a clock that is so far behind for good has lost a sample [samples]
 FIRST_DAY_NS = 86_400 * NANOSECONDS  # of 1970: times in it count from a file's start [ns]
@@ -56,13 +58,14 @@ class MeasurementFile:
     """Sampling rate [Hz]; None: the file does not state it."""
 
     start_ns: int
-    """Time of the first sample [ns since 1970-01-01 UTC]; 0: the file does not state it."""
+    """Time of the first sample [ns since 1970-01-01 UTC]; 0: neither file nor name state it."""
 
     wanted: Wanted = EVERYTHING
 
     def chunks(self) -> Iterator[ChannelTable]:
         """Its samples, its channels in the order of `names`."""
-        for chunk in read_chunks(self.path, self.reader, self.wanted):
+        for read in read_chunks(self.path, self.reader, self.wanted):
+            chunk = read if read.start_ns else replace(read, start_ns=self.start_ns)
             if chunk.names == self.names:
                 yield chunk
             else:
@@ -86,8 +89,10 @@ def open_file(
     first = next(read_chunks(path, reader, wanted), None)
     if first is None:
         raise FileError(f"{path}: 0 samples; at least two are needed")
-    rate = first.sampling_rate
-    known = first.names, first.units, rate, first.start_ns
+    start_ns = first.start_ns or start_in_name(path.stem, wanted.time)
+    if start_ns != first.start_ns:
+        log_once("the date and time in a file's name are taken for its start: the file has none")
+    known = first.names, first.units, first.sampling_rate, start_ns
     return MeasurementFile(path, reader, *known, wanted), first
 
 
@@ -109,7 +114,7 @@ def sort_by_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
         if not file.start_ns:
             raise FileError(
                 f"{file.path} does not say when it begins; several files are joined by the date "
-                "and time in them"
+                "and time in them or in their names (mast_20250301_000230.csv)"
             )
     ordered = sorted(files, key=lambda file: file.start_ns)
     return [ordered[0], *(_like(ordered[0], other) for other in ordered[1:])]

@@ -16,6 +16,7 @@ import numpy as np
 
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.arrays import FloatArray
+from sensors.errors import InputError
 from sensors.files.table import ChannelTable, FileError, quantity_named, quantity_of
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -37,6 +38,7 @@ _NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?!\d|\.\d)")
 _COMPASS = re.compile(r"(?<![A-Za-z])(?:N[-/ ]?S|S[-/ ]?N|[EO][-/ ]?W|W[-/ ]?[EO])(?![A-Za-z])")
 _SEED = re.compile(r"\.[A-Z]{2}([NEZ])$")  # last letter of a SEED channel code: its orientation
 _OPENFAST = re.compile(r"(?:TwHt\dAL|YawBrTA|NcIMUTA)([xyz])[tps]$")  # accelerations of the tower
+_ANSWER = re.compile(r"(?P<height>[-+]?\d+(?:[.,]\d+)?) ?m?,? *(?P<sign>-?)(?P<axis>[a-z]+)")
 _TRAILING = re.compile(r"(?:\d|\b[Aa][Cc]?[Cc]?)([XYZxyz])(?![A-Za-z])")
 
 # The same in German, Dutch, Danish, Norwegian, Swedish, French and Spanish.
@@ -95,6 +97,11 @@ class GuessedChannel:
     direction_known: bool = True
     """Whether the name has an axis."""
 
+    @property
+    def known(self) -> bool:
+        """Whether neither height nor axis is a guess."""
+        return self.height_known and self.direction_known
+
 
 def guess_channels(names: Sequence[str]) -> tuple[GuessedChannel, ...]:
     """Read heights and axes of one measurement's channels from their names.
@@ -119,6 +126,31 @@ def guess_channels(names: Sequence[str]) -> tuple[GuessedChannel, ...]:
         for place, (name, (height, seen, sure)) in enumerate(
             zip(names, heights, strict=True), start=1
         )
+    )
+
+
+def placed(channel: GuessedChannel, answer: str) -> GuessedChannel:
+    """Return a channel where an answer puts it: a height [m] and an axis, "97 fa", "44,1 -ss".
+
+    Raises
+    ------
+    InputError
+        If the answer is not a number and an axis.
+    """
+    found = _ANSWER.fullmatch(answer.strip().lower())
+    if found is None or found["axis"] not in AXIS_OF_NAME:
+        raise InputError(
+            f"{answer!r}: a height in metres and an axis are needed (fa, ss or up; -fa points "
+            "against it), such as 97.5 fa"
+        )
+    (x, y, z), axis = AXIS_OF_NAME[found["axis"]]
+    sign = -1.0 if found["sign"] else 1.0
+    height = float(found["height"].replace(",", "."))
+    return GuessedChannel(
+        name=channel.name,
+        elevation=height,
+        direction=(sign * x + 0.0, sign * y + 0.0, sign * z + 0.0),
+        reason=f"{height:g} m, {found['sign']}{axis}, as answered",
     )
 
 

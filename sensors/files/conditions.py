@@ -45,6 +45,10 @@ _FIELDS: dict[str, tuple[str, dict[str, float]]] = {
         {"m": 1.0},
     ),
 }
+_UNIT_IN_NAME = {
+    **dict.fromkeys(("ms", "mps", "m/s"), "m/s"),
+    **{unit: unit for unit in ("kw", "mw", "w", "rpm", "deg", "m")},
+}
 _NOT_A_LEVEL = {"std", "min", "max", "dir", "direction", "err", "error", "rate", "temp", "y", "z"}
 
 
@@ -70,10 +74,15 @@ def condition_channels(names: Sequence[str], units: Sequence[str]) -> dict[str, 
         words = words_of(name)
         for field, (pattern, factors) in _FIELDS.items():
             known = any(re.fullmatch(pattern, word) for word in words)
-            factor = factors.get(unit.lower().strip())
+            factor = factors.get(unit.lower().strip() or _unit_in_name(name))
             if known and factor is not None and not _NOT_A_LEVEL & set(words):
                 found.setdefault(field, ConditionChannel(name, factor))
     return found
+
+
+def _unit_in_name(name: str) -> str:
+    """The unit that a name ends in, as "power_kW" does; "" where it ends in none."""
+    return _UNIT_IN_NAME.get(re.split(r"[\s_.]+", name.strip().lower())[-1], "")
 
 
 def read_conditions(

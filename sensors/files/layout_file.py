@@ -10,6 +10,7 @@
     column = "Messpunkt"
     unit = "ms"
     dates = "day-first"        where 3/4/2024 is in April
+    zone = "Europe/Berlin"     of dates that state none
 
 What it lists is taken, in its order; other channels of the measurement are left out.
 """

@@ -4,9 +4,11 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from datetime import UTC, tzinfo
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +82,22 @@ class FileError(InputError):
     """A file of measurements that cannot be read; the message names file, row and column."""
 
 
+def zone_named(name: str) -> tzinfo:
+    """Return the time zone of a name; UTC of "", also where no zones are installed.
+
+    Raises
+    ------
+    FileError
+        If there is no such zone.
+    """
+    try:
+        return ZoneInfo(name) if name else UTC
+    except (KeyError, ValueError, OSError):
+        raise FileError(
+            f"zone {name!r} is no time zone; names are such as Europe/Berlin, Etc/GMT-1"
+        ) from None
+
+
 @dataclass(frozen=True, slots=True)
 class TimeColumn:
     """What is stated of a file's time beside the file."""
@@ -92,6 +110,12 @@ class TimeColumn:
 
     dates: DateOrder | None = None
     """What comes first in dates such as 3/4/2024; None: as the dates show."""
+
+    zone: str = ""
+    """Time zone of dates that state none, such as "Europe/Berlin"; empty: UTC."""
+
+    def __post_init__(self) -> None:
+        zone_named(self.zone)
 
 
 UNSTATED = TimeColumn()

@@ -191,11 +191,10 @@ def sliding_update(record: FloatArray) -> tuple[float, float]:
     def slid_there() -> float:
         ring = CovarianceRing(band, block_length=block, n_blocks=n_blocks + 5)
         ring.push(record[:n_window])
-        earlier = modes_of_covariances(ring.covariances(0, n_blocks, offset), band, settings)
         begin = time.process_time()
         ring.push(record[n_window : n_window + 4 * block])
         covariances = ring.covariances(4, n_blocks, offset)
-        modes_of_covariances(covariances, band, settings, earlier.subspace)
+        modes_of_covariances(covariances, band, settings)
         return time.process_time() - begin
 
     own = record[4 * block : 4 * block + n_window]

@@ -7,6 +7,8 @@ of a library: those of 24 posteriors of drawn modal estimates, as `_farm_pooling
 gain     the rms error's fall against each turbine alone
 oracle   knows the farm's mean and spread
 bound    knows the spread, not the mean: what turbines of the farm can show at best
+most     the bound's share of the oracle's gain, in expectation and closed form: no estimator that
+         must learn the mean from the farm has a larger one
 told     a turbine with 90 % of its k22, six windows each; false: of the others
 """
 
@@ -58,6 +60,8 @@ class Pooling:
     gain_bound: float
     share_of_oracle: float
     share_of_bound: float
+    most_share_of_oracle: float
+    """In expectation, of any estimator that must learn the farm's mean [-]."""
     rms_against_alone: float
     median_against_alone: float
     cover: float
@@ -107,6 +111,57 @@ def informed(
     return np.asarray(np.linalg.solve(own + precision, weighted[..., None])[..., 0])
 
 
+def expected_errors(
+    covariances: FloatArray, population: FloatArray, jacobian: FloatArray
+) -> tuple[float, float, float]:
+    """Expected mean squares of ratio errors alone, with the oracle, and with the bound [-].
+
+    Parameters
+    ----------
+    covariances : ndarray, shape (n, 3, 3)
+        C of each turbine's evidence in x.
+    population : ndarray, shape (3, 3)
+        Σ, known.
+    jacobian : ndarray, shape (3, 3)
+        J, of the ratios by x.
+
+    Notes
+    -----
+    A turbine alone errs by C. With μ and Σ known its posterior has V = (C⁻¹ + Σ⁻¹)⁻¹. Where μ must
+    be learned, its best estimate has the covariance T = (Σᵢ (Cᵢ + Σ)⁻¹)⁻¹, and the turbine errs by
+    V + V Σ⁻¹ T Σ⁻¹ V. That is the posterior covariance under a flat prior of μ, hence the least
+    mean square of any equivariant estimator. Gelman et al., Bayesian Data Analysis, 3rd ed., §5.4.
+    """
+    precision = np.linalg.inv(population)
+    own = np.linalg.inv(np.linalg.inv(covariances) + precision)
+    mean = np.linalg.inv(np.linalg.inv(covariances + population).sum(axis=0))
+    lent = own @ precision
+    learned = own + lent @ mean @ np.swapaxes(lent, 1, 2)
+    alone, oracle, bound = (
+        float(np.mean(np.einsum("ij,njk,ik->ni", jacobian, each, jacobian)))
+        for each in (covariances, own, learned)
+    )
+    return alone, oracle, bound
+
+
+def most_share(lib: Library, turbines: int, spread: float, farms: int = 2000) -> float:
+    """Largest share of the oracle's rms gain where the farm's mean must be learned [-]."""
+    generator, step = np.random.default_rng(1), 1e-5
+    population = spread**2 * equal_spreads(lib.coordinates)
+    nominal = lib.coordinates.of_ratios(np.ones(3))
+    jacobian = np.array([lib.coordinates.to_ratios(nominal + step * e) - 1 for e in np.eye(3)]).T
+    errors = [
+        expected_errors(
+            lib.covariances[generator.integers(len(lib.covariances), size=turbines)],
+            population,
+            jacobian / step,
+        )
+        for _ in range(farms)
+    ]
+    alone, oracle, bound = np.sqrt(np.mean(errors, axis=0))
+    return float((alone - bound) / (alone - oracle))
+
+
 def measured(lib: Library, turbines: int, spread: float, seeds: Sequence[int]) -> Pooling:
     """Errors and intervals over some farms."""
     errors: dict[str, list[FloatArray]] = {"alone": [], "pooled": [], "oracle": [], "bound": []}
@@ -142,6 +197,7 @@ def measured(lib: Library, turbines: int, spread: float, seeds: Sequence[int]) -
         gains["bound"],
         gains["pooled"] / gains["oracle"],
         gains["pooled"] / gains["bound"],
+        most_share(lib, turbines, spread),
         rms["pooled"] / rms["alone"] - 1,
         mid["pooled"] / mid["alone"] - 1,
         float(np.mean(np.concatenate(held))),

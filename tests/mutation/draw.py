@@ -6,9 +6,11 @@
         drawn again
     python -m tests.mutation.draw --seed 20261126 --faults 60 --without numerics faults fresh \\
         drawn again third
+    python -m tests.mutation.draw --seed 20261128 --faults 100
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
-nearest first, or else those that import what imports it. Texts of messages, docstrings, logging,
+nearest first, or else those that import what imports it; and those that hold what is published and
+what settings take, where a module has to do with these. Texts of messages, docstrings, logging,
 generated code and what only draws are left out: a fault there changes no figure.
 """
 
@@ -40,6 +42,9 @@ EXCHANGED = {
     "sin": "cos", "argmin": "argmax", "argmax": "argmin", }  # fmt: skip
 MOST_TESTS = 4  # modules of tests that are run for a fault
 SLOW = {"acceptance", "outside", "reproduction", "test_browser.py", "test_flow.py"}  # minutes each
+PUBLISHED = "tests/pipeline/test_published.py"  # what these rooms say, and every default
+PUBLISHING = {"cli", "export", "monitoring", "recording", "report", "state"}
+KEYS = "tests/test_scenario_keys.py"  # what settings take
 Change = tuple[int, int, int, str, str]  # line, first and last column, new text, what it is
 
 
@@ -143,11 +148,16 @@ def modules(without: Sequence[str]) -> list[Path]:
 
 def tests_of(place: str) -> list[str]:
     """Return tests that import a module, else those that import what imports it, nearest first."""
+    wide = []
+    if PUBLISHING & set(Path(place).parts) or "settings" in Path(place).stem:
+        wide.append(PUBLISHED)
+    if "__post_init__" in (ROOT / place).read_text(encoding="utf-8"):
+        wide.append(KEYS)
     named, seen = [place], {place}
     while named:
         near = sorted(_importing(named, ROOT / "tests", "test_*.py"), key=_distance_from(place))
         if near:
-            return near[:MOST_TESTS]
+            return [*near[:MOST_TESTS], *(each for each in wide if each not in near[:MOST_TESTS])]
         named = [
             each
             for top in ("sensors", "pipeline")

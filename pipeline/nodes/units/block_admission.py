@@ -462,14 +462,15 @@ def window_refusal(
     if n_channels > limits.channels:
         return Refusal(
             TOO_MANY_CHANNELS,
-            f"{n_channels} channels; a unit has at most {limits.channels} that are identified",
+            f"{n_channels} channels; a unit has at most {limits.channels} that are identified "
+            "([limits] channels)",
         )
     n_values = duration * rate * n_channels
     if n_values > limits.window_values:
         return Refusal(
             TOO_LARGE,
             f"a window of {duration:g} s would hold {n_values:.3g} values at {rate:g} Hz; at most "
-            f"{limits.window_values:g} are held",
+            f"{limits.window_values:g} are held ([limits] window_values)",
         )
     if rate > limits.sampling_rate:
         return Refusal(TOO_FAST, f"{rate:g} Hz; at most {limits.sampling_rate:g} Hz are identified")

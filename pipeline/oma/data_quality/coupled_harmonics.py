@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from pipeline.oma.ssi.preprocessing import lines_of_channels
 from sensors.arrays import ComplexArray, FloatArray
 
 WANDERING = 0.03  # of a harmonic's frequency to either side that its speed wanders by [-]
@@ -53,8 +54,8 @@ def coupled_harmonics(samples: FloatArray, sampling_rate: float) -> CoupledHarmo
     """
     duration = len(samples) / sampling_rate
     scales = np.std(samples, axis=0)
-    scaled = samples / np.where(scales > 0, scales, 1.0) * np.hanning(len(samples))[:, None]
-    lines = fft.rfft(scaled, axis=0)
+    scales = np.where(scales > 0, scales, 1.0)
+    lines = lines_of_channels(samples, scales, np.hanning(len(samples)))
     found: list[tuple[float, CoupledHarmonics]] = []
     for peak in _peaks(lines):
         lower = _around(lines, peak)

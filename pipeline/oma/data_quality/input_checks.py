@@ -15,7 +15,7 @@ from scipy import ndimage
 
 from pipeline.messages import QualityWarning
 from pipeline.oma.data_quality.transients import RingDown, loudest_octave, ring_down
-from pipeline.oma.ssi.preprocessing import without_drift
+from pipeline.oma.ssi.preprocessing import lines_of_channels, without_drift
 from pipeline.oma.windows.missing_samples import MOST_MISSING, filled
 from sensors.acquisition.blocks import RATE_TOLERANCE
 from sensors.arrays import FloatArray
@@ -190,15 +190,23 @@ def lone_spikes(samples: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Samples that stand alone far off their two neighbours, (n, n_channels).
 
     A structure's response, even to an impact, lasts; a bit error or a loose contact does not.
+    Channel by channel: what is held beside the samples does not grow with their number.
     """
-    y = np.asarray(samples, dtype=np.float64)
+    found = np.empty(samples.shape, dtype=bool)
+    for place, channel in enumerate(samples.T):
+        found[:, place] = _lone_spikes(np.asarray(channel, dtype=np.float64))
+    return found
+
+
+def _lone_spikes(y: FloatArray) -> NDArray[np.bool_]:
+    """Of one channel, (n,)."""
     off = np.zeros_like(y)
     off[1:-1] = y[1:-1] - 0.5 * (y[:-2] + y[2:])
     size = np.abs(off)
-    robust_std = 1.4826 * np.median(size, axis=0)
-    far_off = size > SPIKE_SIZE * np.where(robust_std > 0, robust_std, np.inf)
+    robust_std = 1.4826 * np.median(size)
+    far_off = size > SPIKE_SIZE * (robust_std if robust_std > 0 else np.inf)
     # it throws its neighbours off by half its own size; what lies further is undisturbed
-    around = np.ones((2 * SPIKE_SURROUNDINGS + 1, 1), dtype=bool)
+    around = np.ones(2 * SPIKE_SURROUNDINGS + 1, dtype=bool)
     around[SPIKE_SURROUNDINGS - 1 : SPIKE_SURROUNDINGS + 2] = False
     alone = size > SPIKE_ALONE * ndimage.maximum_filter(size, footprint=around)
     return np.asarray(far_off & alone & (size > SPIKE_IN_PLACE * _local_std(size)))
@@ -206,10 +214,10 @@ def lone_spikes(samples: NDArray[np.floating]) -> NDArray[np.bool_]:
 
 def _local_std(size: FloatArray) -> FloatArray:
     """Std of normal values about each place, from their mean absolute `size` there without the
-    value itself and the two that a spike throws off, (n, n_channels)."""
+    value itself and the two that a spike throws off, (n,)."""
     length = 2 * SPIKE_NEIGHBOURHOOD + 1
-    total = ndimage.uniform_filter1d(size, length, axis=0, mode="reflect") * length
-    own = ndimage.uniform_filter1d(size, 3, axis=0, mode="reflect") * 3
+    total = ndimage.uniform_filter1d(size, length, mode="reflect") * length
+    own = ndimage.uniform_filter1d(size, 3, mode="reflect") * 3
     return np.asarray(np.sqrt(np.pi / 2) * (total - own) / (length - 3))
 
 
@@ -251,8 +259,7 @@ def check_drift(samples: NDArray[np.floating], channel_names: Sequence[str]) -> 
 
 def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> tuple[Finding, ...]:
     """Windows whose loudness changes: a rotor stop, a ring-down, a passing ship."""
-    unspiked = without_spikes(np.asarray(samples, dtype=np.float64))
-    steady = without_drift(unspiked)
+    steady = without_drift(without_spikes(np.asarray(samples, dtype=np.float64)))
     octave, decay = loudest_octave(steady, sampling_rate), ring_down(steady, sampling_rate)
     if octave is not None and octave.excess > 1:
         text = (
@@ -288,7 +295,7 @@ def is_harmonic(samples: FloatArray, sampling_rate: float, frequency: float) -> 
     A harmonic keeps its amplitude; a mode under random load swells and fades (its envelope has
     a Rayleigh distribution, std/mean 0.52). Judged on the channel with the most power there.
     """
-    lines = np.fft.rfft(samples * np.hanning(len(samples))[:, None], axis=0)
+    lines = lines_of_channels(samples, np.ones(samples.shape[1]), np.hanning(len(samples)))
     centre = round(frequency * len(samples) / sampling_rate)
     low, high = max(0, centre - ENVELOPE_LINES), centre + ENVELOPE_LINES + 1
     band = lines[low:high]

@@ -28,6 +28,7 @@ from typing import Literal
 import numpy as np
 from scipy import fft, special
 
+from pipeline.oma.ssi.preprocessing import lines_of_channels
 from sensors.arrays import ComplexArray, FloatArray
 
 FALSE_ALARM = 2e-4  # of one octave of one stationary window
@@ -76,8 +77,7 @@ def loudest_octave(samples: FloatArray, sampling_rate: float) -> Transient | Non
     duration = n / sampling_rate
     rms = np.sqrt(np.mean(samples**2, axis=0))
     # without a taper the step from the record's end to its start would shake every octave
-    taper = _rounded_edges(n)[:, None]
-    lines = fft.rfft(taper * samples / np.where(rms > 0, rms, 1.0), axis=0)
+    lines = lines_of_channels(samples, np.where(rms > 0, rms, 1.0), _rounded_edges(n))
     low = FEWEST_PERIODS / duration
     found: list[Transient] = []
     while 2 * low <= 0.45 * sampling_rate:
@@ -155,7 +155,7 @@ def ring_down(samples: FloatArray, sampling_rate: float) -> RingDown | None:
     n = len(samples)
     duration = n / sampling_rate
     rms = np.sqrt(np.mean(samples**2, axis=0))
-    lines = fft.rfft(samples / np.where(rms > 0, rms, 1.0), axis=0)
+    lines = lines_of_channels(samples, np.where(rms > 0, rms, 1.0))
     found: list[RingDown] = []
     n_lines = FEWEST_LINES
     while n_lines <= MOST_LINES and 2 * n_lines / duration <= 0.45 * sampling_rate:

@@ -42,7 +42,6 @@ class BandIdentification:
     band: Band
     modes: tuple[Mode, ...]
     poles: PoleCloud  # that came back over the orders: the band's stabilisation diagram
-    subspace: SignalSubspace  # for the next window to begin with
     twins: tuple[CoincidentModes, ...] = ()  # where two modes are too alike to be resolved
 
 
@@ -79,20 +78,15 @@ def modes_of_covariances(
     covariances: LagCovariances,
     band: Band,
     settings: OmaSettings,
-    start: SignalSubspace | None = None,
     *,
     integrations: IntArray | None = None,
 ) -> BandIdentification:
     """Modes of one band from its lag covariances.
 
-    start          the subspace of an earlier, overlapping window, from which the iteration begins
     integrations   of channels that measure different quantities (`quantities.py`), (n_channels,)
     """
     subspace = signal_subspace(
-        covariances.mean,
-        block_rows=band.block_rows,
-        highest_order=max(band.orders),
-        start=start,
+        covariances.mean, block_rows=band.block_rows, highest_order=max(band.orders)
     )
     dt = 1 / band.sampling_rate
     systems = list(system_modes(subspace, orders=band.orders, sampling_interval=dt))
@@ -102,7 +96,7 @@ def modes_of_covariances(
     modes = _represented(found, cloud, moved, scales)
     in_phase = [with_phases(system, band, integrations) for system in systems]
     twins = twins_in(in_phase, band, settings)
-    return BandIdentification(band, tuple(modes), cloud, subspace, twins)
+    return BandIdentification(band, tuple(modes), cloud, twins)
 
 
 def _sharp_cloud(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft
 
-from sensors.arrays import FloatArray
+from sensors.arrays import ComplexArray, FloatArray
 
 STOP_BAND_ATTENUATION = 70.0  # [dB]: aliases stay below the noise of a good accelerometer
 DECIMATION_PASS_BAND = 0.44  # of the decimated rate: flat to here,
@@ -100,6 +100,24 @@ def n_decimated(n_samples: int, decimation: int, *, high_passed: bool = False) -
     first = -(-(len(anti_alias_taps(decimation)) - 1) // decimation)
     lost = len(high_pass_taps()) - 1 if high_passed else 0
     return max(0, (n_samples - 1) // decimation - first + 1 - lost)
+
+
+def lines_of_channels(
+    samples: FloatArray, scales: FloatArray, taper: FloatArray | None = None
+) -> ComplexArray:
+    """Fourier lines of each channel over its scale, (n // 2 + 1, n_channels).
+
+    One channel is transformed after the other: all at once would hold three copies of the samples.
+
+    samples   (n, n_channels)
+    scales    (n_channels,)
+    taper     (n,); None: none
+    """
+    lines = np.empty((len(samples) // 2 + 1, len(scales)), dtype=np.complex128)
+    for place, scale in enumerate(scales):
+        channel = samples[:, place] / scale
+        lines[:, place] = fft.rfft(channel if taper is None else taper * channel)
+    return lines
 
 
 def without_offset(samples: FloatArray) -> FloatArray:

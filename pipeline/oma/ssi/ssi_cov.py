@@ -105,18 +105,12 @@ class HankelOperator:
 
 
 def signal_subspace(
-    covariances: FloatArray,
-    *,
-    block_rows: int,
-    highest_order: int,
-    start: SignalSubspace | None = None,
+    covariances: FloatArray, *, block_rows: int, highest_order: int
 ) -> SignalSubspace:
     """Truncated singular value decomposition H ≈ U diag(s) Vᵀ to the highest order asked for.
 
     covariances   R_τ, (n_lags = 2p, n_channels, n_references), τ = 1..n_lags
     block_rows    p
-    start         of an earlier, overlapping window: the iteration begins there (which saves at most
-                  a block or two: how large the space must be is a matter of the singular values)
 
     The leading part is iterated to a residual of 1e-9; a small matrix, or one whose singular
     values fall so slowly that the iteration does not get there, is decomposed in full.
@@ -124,9 +118,7 @@ def signal_subspace(
     operator = HankelOperator(covariances, block_rows)
     truncated = None
     if min(operator.shape) >= _SMALL * highest_order:
-        truncated = leading_singular_triplets(
-            operator, highest_order, start=None if start is None else start.left
-        )
+        truncated = leading_singular_triplets(operator, highest_order)
     left, singular_values, right = truncated or _all_singular_triplets(operator)
     n = min(highest_order, int(np.sum(singular_values > 1e-12 * singular_values[0])))
     return SignalSubspace(left[:, :n], singular_values[:n], right[:, :n], covariances.shape[1])
@@ -148,13 +140,12 @@ def _largest_eigenpairs(symmetric: FloatArray, count: int) -> tuple[FloatArray, 
 
 
 def leading_singular_triplets(
-    matrix: HankelOperator, count: int, *, start: FloatArray | None = None, seed: int = 0
+    matrix: HankelOperator, count: int, *, seed: int = 0
 ) -> Triplets | None:
     """The largest singular values and their vectors (U, s, V) by a block Krylov iteration.
 
     matrix   H, (m, n)
     count    how many triplets
-    start    (m, any number) vectors near the wanted U; a fixed random block by default
     returns  None when the residual is not reached in a basis of 5 × count vectors
 
     An orthonormal basis B of the Krylov space of H Hᵀ grows block by block; with C = Hᵀ B the
@@ -165,11 +156,7 @@ def leading_singular_triplets(
     """
     width = _BLOCK_WIDTH
     generator = np.random.default_rng(seed)
-    if start is None:
-        block = matrix @ generator.standard_normal((matrix.shape[1], width))
-    else:
-        block = start @ generator.standard_normal((start.shape[1], width))
-    block = np.linalg.qr(block)[0]
+    block = np.linalg.qr(matrix @ generator.standard_normal((matrix.shape[1], width)))[0]
     largest = min(_LARGEST_BASIS * count, min(matrix.shape) - width)
     bases = np.empty((matrix.shape[0], largest + width), order="F")  # B, grown in place
     images = np.empty((matrix.shape[1], largest + width), order="F")  # C

@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import fft, linalg
+from scipy import linalg
 
+from pipeline.oma.ssi.preprocessing import lines_of_channels
 from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 
@@ -76,7 +77,9 @@ class WindowSpectrum:
         self._scales = np.where(rms > 0, rms, 1.0)
         none = np.zeros(n_channels, dtype=np.int64)
         self._integrations = none if integrations is None else integrations
-        self._lines = fft.rfft(samples / self._scales, axis=0) * 1j**self._integrations / n
+        self._lines = lines_of_channels(samples, self._scales)
+        self._lines *= 1j**self._integrations
+        self._lines /= n
 
     def band(self, low: float, high: float, n_together: int = 1) -> NarrowBand:
         """Lines from a frequency to another [Hz], so many taken together."""

@@ -19,8 +19,8 @@ import pyarrow.compute as pc
 from sensors.arrays import FloatArray
 from sensors.files.table import (
     EVERYTHING,
+    UNSTATED,
     ChannelTable,
-    DateOrder,
     FileError,
     TimeColumn,
     Wanted,
@@ -74,8 +74,8 @@ class SortedColumns:
     start_ns: int = 0
     """Time of the first sample [ns since 1970-01-01 UTC]; 0: not stated."""
 
-    dates: DateOrder | None = None
-    """What comes first in dates such as 3/4/2024; None: as the dates show."""
+    time: TimeColumn = UNSTATED
+    """What is stated of the time beside the file."""
 
     @property
     def used(self) -> tuple[int, ...]:
@@ -119,7 +119,7 @@ def sort_columns(
     if times:
         log_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
     used = clock if wanted.stamps else ()
-    return SortedColumns(tuple(columns), channels, used, dates=wanted.time.dates)
+    return SortedColumns(tuple(columns), channels, used, time=wanted.time)
 
 
 def _stated_clock(
@@ -254,7 +254,9 @@ def _seconds_of(
         return lambda chunk, _: replace(chunk, start_ns=columns.start_ns)
     titles = [columns.all[i] for i in columns.clock]
     unit = titles[0].unit or time_unit(titles[0].name)
-    clock = TextClock(" and ".join(each.name for each in titles), unit, columns.dates)
+    title = " and ".join(each.name for each in titles)
+    zone = "" if "utc" in title.lower() else columns.time.zone
+    clock = TextClock(title, unit, columns.time.dates, zone)
 
     def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
         stamps = [batch.column(place[i]) for i in columns.clock]

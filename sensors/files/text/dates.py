@@ -3,12 +3,14 @@
     2024-03-13T12:00:00.250Z     13.03.2024 12:00:00,250     3/13/2024 12:00:00.250 PM
     2024/03/13 12:00:00          13-Mar-2024 12:00:00.250    12:00:00.250, 00:00.25 (of no date)
 
-A time without a zone is UTC. Whether 3/4/2024 is in March or in April, only a later day shows.
+A time without a zone is UTC, unless a zone is stated beside the file. Whether 3/4/2024 is in March
+or in April, only a later day shows.
 """
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Literal
 
 import numpy as np
@@ -16,7 +18,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from sensors.files.table import DateOrder
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.files.table import DateOrder, zone_named
 
 DateKind = Literal["moment", "date", "time of day"]
 Order = Literal["ymd", "dmy", "mdy"]
@@ -40,6 +43,21 @@ _PARTS = re.compile(r"(\d{1,2})[-/. ](\d{1,2})[-/. ](?:\d{4}|\d{2})")
 
 class DateError(ValueError):
     """A text that is no time, or an order of day and month that nothing shows."""
+
+
+def zone_offset_ns(local_ns: int, zone: str) -> int:
+    """Return by how much a local time is ahead of UTC [ns]; of an hour that comes twice, the first.
+
+    Parameters
+    ----------
+    local_ns : int
+        As written, counted from 1970-01-01 of the local clock [ns].
+    zone : str
+        Such as "Europe/Berlin"; empty: UTC.
+    """
+    local = datetime.fromtimestamp(local_ns // NANOSECONDS, UTC).replace(tzinfo=zone_named(zone))
+    ahead = local.utcoffset()
+    return 0 if ahead is None else round(ahead.total_seconds()) * NANOSECONDS
 
 
 def kind_of_text(text: str) -> DateKind | None:

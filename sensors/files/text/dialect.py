@@ -250,7 +250,7 @@ class _Beginning:
             columns=replace(
                 columns,
                 rate=stated_rate(preamble),
-                start_ns=stated_start_ns(preamble, wanted.time.dates),
+                start_ns=stated_start_ns(preamble, wanted.time),
             ),
             missing=tuple({cell for row in samples for cell in row.missing}),
             exact_time=self._has_long_times(some, columns.clock),

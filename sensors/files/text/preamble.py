@@ -1,15 +1,15 @@
-"""What the lines above a table of samples state: the sampling rate, when it began."""
+"""What the lines above a table of samples and a file's name state: its rate, when it began."""
 
 import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 
 import pyarrow as pa
 
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.files.table import DateOrder
+from sensors.files.table import UNSTATED, TimeColumn, zone_named
 from sensors.files.text.columns import log_once
-from sensors.files.text.dates import DateError, DateStyle, kind_of_text
+from sensors.files.text.dates import DateError, DateStyle, kind_of_text, zone_offset_ns
 from sensors.files.text.time_column import SECONDS_PER_UNIT
 
 _GAP = r"[^\d\n+-]{0,24}?"
@@ -39,6 +39,34 @@ _OTHER_START = re.compile(
     re.IGNORECASE,
 )
 
+_IN_NAME = re.compile(
+    r"(?<!\d)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_T .]?(\d\d)[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?(Z?)"
+    r"(?![\da-z])",
+    re.IGNORECASE,
+)
+
+
+def start_in_name(name: str, time: TimeColumn = UNSTATED) -> int:
+    """Return the date and time in a file's name [ns since 1970-01-01 UTC]; 0: it has none.
+
+    Parameters
+    ----------
+    name : str
+        Without its suffix, such as "mast_20250301_000230" or "T1-2025-03-01T00-02-30Z".
+    time : TimeColumn, optional
+        What is stated of dates beside the file.
+    """
+    found = _IN_NAME.search(name)
+    if found is None:
+        return 0
+    *parts, seconds, utc = found.groups()
+    zone = zone_named("" if utc else time.zone)
+    try:
+        moment = datetime(*map(int, parts), int(seconds or 0), tzinfo=zone)  # type: ignore[misc, arg-type]
+    except ValueError:
+        return 0
+    return round(moment.timestamp()) * NANOSECONDS
+
 
 def stated_rate(lines: Sequence[str]) -> float | None:
     """Return the sampling rate that the lines state, perhaps as its interval [Hz].
@@ -66,36 +94,37 @@ def _number(text: str) -> float:
     return float(text.replace(",", "."))
 
 
-def stated_start_ns(lines: Sequence[str], dates: DateOrder | None = None) -> int:
+def stated_start_ns(lines: Sequence[str], time: TimeColumn = UNSTATED) -> int:
     """Return when the measurement began [ns since 1970-01-01 UTC]; 0: not stated.
 
     Parameters
     ----------
     lines : sequence of str
         Above the table.
-    dates : {"day-first", "month-first"}, optional
-        What comes first in dates such as 3/4/2024.
+    time : TimeColumn, optional
+        What is stated of dates beside the file.
     """
     found = next((match for line in lines if (match := _START.search(line))), None)
     if found is None:
-        return _other_start_ns(lines, dates)
+        return _other_start_ns(lines, time)
     try:
         moment = datetime.fromisoformat(found["moment"] + (found["zone"] or ""))
     except ValueError:
         return 0
-    aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    aware = moment if moment.tzinfo else moment.replace(tzinfo=zone_named(time.zone))
     part = (found["part"] or ".")[1:]
     return round(aware.timestamp()) * NANOSECONDS + int(f"{part:0<9}"[:9])
 
 
-def _other_start_ns(lines: Sequence[str], dates: DateOrder | None) -> int:
+def _other_start_ns(lines: Sequence[str], time: TimeColumn) -> int:
     """A start that is not written as ISO 8601; 0 where day and month may be exchanged."""
     found = next((match for line in lines if (match := _OTHER_START.search(line))), None)
     if found is None or kind_of_text(found["moment"]) != "moment":
         return 0
     text = found["moment"]
     try:
-        return int(DateStyle.of([text], dates).nanoseconds(pa.array([text]))[0])
+        local = int(DateStyle.of([text], time.dates).nanoseconds(pa.array([text]))[0])
+        return local - zone_offset_ns(local, time.zone)
     except DateError as error:
         log_once(f"the start of the measurement is left out; {error}")
     except pa.ArrowInvalid:

@@ -21,7 +21,7 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.files.table import DateOrder
-from sensors.files.text.dates import DateError, DateStyle, kind_of_text
+from sensors.files.text.dates import DateError, DateStyle, kind_of_text, zone_offset_ns
 from sensors.files.text.summer_time import Midnights, SummerTime
 
 SECONDS_PER_UNIT = {
@@ -146,11 +146,13 @@ class TextClock:
     title   of the column, for errors
     unit    of its numbers; "" where it is not stated
     dates   what comes first in dates such as 3/4/2024; None: as they show
+    zone    of dates that state none; empty: UTC
     """
 
     title: str
     unit: str = ""
     dates: DateOrder | None = None
+    zone: str = ""
     start_ns: int = 0
     """The file's first stamp [ns since 1970]; 0 where it counts from a start."""
 
@@ -162,6 +164,9 @@ class TextClock:
 
     _scale: Scale | None = None
     _style: DateStyle | None = field(default=None)
+    _ahead: int | None = None
+    """Of UTC, at the first stamp [ns]."""
+
     _midnights: Midnights = field(default_factory=Midnights)
     summer_time: SummerTime = field(default_factory=SummerTime)
     """Changes of a local clock that the dates run over."""
@@ -213,6 +218,9 @@ class TextClock:
                 stamps = self._midnights.continuous(stamps)
             elif not self._style.zoned:
                 stamps = self.summer_time.continuous(stamps)
+                if self._ahead is None:
+                    self._ahead = zone_offset_ns(int(stamps[0]), self.zone)
+                stamps = stamps - self._ahead
             return self._of_nanoseconds(stamps, dated=self._style.dated)
         except DateError as error:
             raise ClockError(f"has {error}") from error

@@ -1,5 +1,8 @@
 """What is printed, and how it is folded; untrusted text is no markup."""
 
+import json
+import logging
+import sys
 from io import StringIO
 from pathlib import Path
 
@@ -8,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.text import Text
 
-from pipeline.cli.console import LineConsole, escape_markup, zenoh_settings
+from pipeline.cli import ConsoleHandler, main
+from pipeline.cli.console import LineConsole, LogConsole, escape_markup, stderr, zenoh_settings
 from sensors.errors import InputError
 
 
@@ -35,3 +39,39 @@ def test_a_long_sentence_is_one_line_where_the_output_is_no_terminal() -> None:
     first, *rest = written.getvalue().splitlines()
     assert first.count("word") == 40
     assert len(rest) > 1
+
+
+def test_lines_of_json_have_a_level_and_no_bar_between_them() -> None:
+    written = StringIO()
+    console = LogConsole(file=written, width=40, force_terminal=True)
+    console.json_lines = True
+    console.print("[bold red]pilewatch:[/] " + escape_markup("no [oma] key " + "word " * 40))
+    console.print("[yellow]beware[/]")
+    console.print("nothing [special]", markup=False)
+    lines = [json.loads(line) for line in written.getvalue().splitlines()]
+    assert [line["level"] for line in lines] == ["error", "warning", "info"]
+    assert lines[0]["message"].startswith("no [oma] key word")
+    assert lines[2]["message"] == "nothing [special]"
+    assert not console.is_terminal
+
+
+def test_a_log_is_json_where_the_option_or_the_environment_asks(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(stderr, "json_lines", False)
+    monkeypatch.setenv("PILEWATCH_LOG_FORMAT", "json")
+    monkeypatch.setattr("sys.argv", ["pilewatch", "info", "nothing.mcap"])
+    with pytest.raises(SystemExit, match="2"):
+        main()
+    try:
+        raise ValueError("inside")
+    except ValueError:
+        record = logging.LogRecord("node", logging.ERROR, "", 0, "%s lost", ("t1",), None)
+        record.exc_info = sys.exc_info()
+    ConsoleHandler().emit(record)
+    first, second = map(json.loads, capsys.readouterr().err.splitlines())
+    assert first["level"] == "error"
+    assert first["message"].startswith("cannot read the recording nothing.mcap")
+    assert (second["logger"], second["message"]) == ("node", "t1 lost")
+    assert "ValueError: inside" in second["exception"]
+    assert set(first) == {"time", "level", "logger", "message"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.farm.farm import PoolingSettings, pooled_farm
-from pipeline.farm.members import in_order
+from pipeline.farm.members import in_order, members_of
 from pipeline.farm.settings import FarmError, GibbsSettings
 from tests.pipeline.farm.farms import (
     NOMINAL,
@@ -143,3 +143,14 @@ def test_the_population_is_where_the_farm_is_and_wider_than_its_mean(farm):
     np.testing.assert_allclose(np.median(drawn, axis=0), np.log(middle), atol=0.004)
     low, high = np.quantile(drawn, [0.16, 0.84], axis=0)
     np.testing.assert_array_less([s.p05 for s in farm.spread], (high - low) / 2)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -1e10])
+def test_one_impossible_draw_leaves_a_turbine_out(bad: float) -> None:
+    rng = np.random.default_rng(1)
+    whole = [posterior_of(f"t{n}", 1 + 0.01 * rng.normal(size=(200, 3))) for n in range(3)]
+    draws = whole[1].draws.copy()
+    draws[7, 0] = bad
+    members, left_out = members_of([whole[0], replace(whole[1], draws=draws), whole[2]])
+    assert [each.turbine for each in members] == ["t0", "t2"]
+    assert left_out[0].reason == "its posterior has springs that no foundation has"

@@ -8,6 +8,7 @@ from pipeline.farm.evidence import StackedEvidence, TurbineEvidence
 from pipeline.farm.gibbs import inverse_wishart
 from pipeline.farm.pooling import pooled
 from pipeline.farm.settings import FarmError, GibbsSettings, PopulationPrior
+from tests.benchmarks.pooling import expected_errors
 
 BRIEF = GibbsSettings(chains=16, burn_in=40, sweeps=50, rounds=1)
 ONE_SPREAD = 1e3  # degrees of freedom that make Σ = τ² S to a few percent
@@ -205,3 +206,16 @@ def test_inverse_wishart_draws_have_their_mean_and_spread():
 def test_a_population_without_width_is_refused_by_its_name(setting):
     with pytest.raises(FarmError, match=setting):
         PopulationPrior(**{setting: 0.0})
+
+
+def test_what_a_farm_that_shows_its_own_mean_can_give_at_most():
+    """Five turbines seen as well as they differ: an oracle of mean and spread halves the variance;
+    where the mean is learned, a fifth of what it saved is lost again (closed form and drawn)."""
+    spread = 0.02**2 * np.eye(2)
+    covariances = np.broadcast_to(spread, (5, 2, 2))
+    alone, oracle, learned = expected_errors(covariances, spread, np.eye(2))
+    assert (oracle / alone, learned / alone) == pytest.approx((0.5, 0.5 + 0.5 / 5))
+    truths, noise = 0.02 * np.random.default_rng(1).standard_normal((2, 20_000, 5, 2))
+    measured = truths + noise
+    shrunk = 0.5 * (measured + measured.mean(axis=1, keepdims=True))
+    assert np.mean((shrunk - truths) ** 2) == pytest.approx(learned, rel=0.02)

@@ -1,8 +1,9 @@
 """What a node says of its own work is what it did."""
 
+from collections import Counter
 from collections.abc import Iterator
 
-from pipeline.messages import Message
+from pipeline.messages import Message, QualityWarning
 from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.statistics import NodeAccount
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -65,3 +66,13 @@ def test_blocks_lost_on_the_way_and_those_that_the_node_misses_are_one_count() -
     node = Sink()
     node.statistics = NodeStatistics(lost=3)
     assert NodeAccount(node, "t1", lambda: 0).status("running", lost=4).lost == 7
+
+
+def test_counts_of_two_nodes_are_added_field_by_field() -> None:
+    one = NodeStatistics(1, 2, 3, 4, Counter(a=1), (QualityWarning("a", "one"),))
+    other = NodeStatistics(10, 20, 30, 40, Counter(a=1, b=5), (QualityWarning("b", "other"),))
+    both = one + other
+    assert (both.lost, both.late, both.duplicate, both.recorded) == (11, 22, 33, 44)
+    assert both.rejected == {"a": 2, "b": 5}
+    assert [each.code for each in both.warnings] == ["a", "b"]
+    assert NodeStatistics() + one == one

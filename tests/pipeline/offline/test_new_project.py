@@ -100,3 +100,56 @@ def test_columns_of_controller_and_logger_are_no_motions(tmp_path: Path) -> None
     recorded = list(read_messages(project.recording, (ScadaSample,)))
     assert len(recorded) == 30
     assert all(each.power == 0 and 5 < each.wind_speed < 7 for each in recorded)
+
+
+def local_summer_record(path: Path) -> Path:
+    """Five minutes from 14:00 of Berlin's summer time, which the file does not state."""
+    begin = np.datetime64("2025-07-03T14:00:00.000")
+    stamps = begin + (np.arange(1500) * 200).astype("timedelta64[ms]")
+    rows = np.random.default_rng(2).standard_normal((1500, 2))
+    lines = [f"{t},{a:.5f},{b:.5f}" for t, (a, b) in zip(stamps, rows, strict=True)]
+    path.write_text("\n".join(["time,LAT097_FA,LAT050_SS", *lines]))
+    return path
+
+
+def test_local_accelerations_meet_a_controllers_file_in_utc(tmp_path: Path) -> None:
+    record = local_summer_record(tmp_path / "tower.csv")
+    scada = tmp_path / "scada.csv"
+    rows = [f"2025-07-03T{h:02d}:{m:02d}:00Z,8.5,300" for h in (11, 12) for m in range(60)]
+    scada.write_text("\n".join(["timestamp,wind_speed_ms,power_kW", *rows]))
+    project = start_project(
+        [record], tmp_path / "made", zone="Europe/Berlin", scada=[scada], name="t1"
+    )
+    assert project.span_ns[0] == np.datetime64("2025-07-03T12:00:00", "ns").astype(int)
+    assert project.conditions == ("wind_speed_ms", "power_kW")
+    samples = list(read_messages(project.recording, (ScadaSample,)))
+    assert len(samples) == 5  # those of the record
+    assert (samples[0].wind_speed, samples[0].power) == (8.5, 300e3)
+    late = tmp_path / "late.csv"
+    late.write_text("timestamp,wind_speed_ms\n2025-07-03T15:00:00Z,8\n2025-07-03T15:01:00Z,8\n")
+    with pytest.raises(InputError, match="has nothing of the measurement's 2025-07-03 14:00:00"):
+        start_project([record], tmp_path / "other", scada=[late])
+    assert not (tmp_path / "other").exists()
+
+
+def test_small_files_are_joined_by_the_times_in_their_names(
+    measurement: Path, tmp_path: Path
+) -> None:
+    files = [tmp_path / f"mast_20250301_00{minute:02d}00.csv" for minute in (0, 5)]
+    for file in files:
+        file.write_text(measurement.read_text())
+    project = start_project(files[::-1], tmp_path / "joined")
+    begin, end = project.span_ns
+    assert begin == np.datetime64("2025-03-01", "ns").astype(int)
+    assert end - begin == 600 * 10**9
+
+
+def test_a_channel_with_a_value_in_every_second_row_is_left_out_and_named(tmp_path: Path) -> None:
+    rows = np.random.default_rng(4).standard_normal((400, 3))
+    rows[1::2, 2] = np.nan
+    path = tmp_path / "rates.csv"
+    table = np.column_stack([np.arange(400) / 20, rows])
+    np.savetxt(path, table, delimiter=",", header="t [s],A97x,A97y,A50x", comments="")
+    project = start_project([path], tmp_path / "made")
+    assert [each.name for each in project.channels] == ["A97x", "A97y"]
+    assert "A50x (a value in every 2 rows: 10 Hz)" in map(str, project.left_out)

@@ -1,5 +1,7 @@
 """The incremental estimate is the batch estimate."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -36,9 +38,7 @@ def assert_equal(ours: Mode, theirs: Mode, tolerance: float) -> None:
     np.testing.assert_allclose(ours.shape, theirs.shape, atol=tolerance)
 
 
-@pytest.mark.parametrize(
-    ("hop", "references"), [(30.0, None), (300.0, None), (300.0, ("channel 5", "channel 2"))]
-)
+@pytest.mark.parametrize(("hop", "references"), [(30.0, None), (150.0, ("channel 5", "channel 2"))])
 def test_a_sliding_window_gives_what_its_own_samples_give(
     record: np.ndarray, hop: float, references: tuple[str, ...] | None
 ) -> None:
@@ -46,7 +46,7 @@ def test_a_sliding_window_gives_what_its_own_samples_give(
     streaming = StreamingIdentifier(RATE, 5, settings)
     window, step = round(300 * RATE), round(hop * RATE)
     streaming.push(record[:window])
-    for k in range(3 if hop < 300 else 2):
+    for k in range(3):
         own = record[k * step : k * step + window]
         if k:
             streaming.push(record[window + (k - 1) * step : window + k * step])
@@ -68,15 +68,24 @@ def test_a_hop_of_no_whole_number_of_blocks_is_identified_from_its_samples(
     assert [m.frequency for m in ours] == [m.frequency for m in theirs]
 
 
+def test_windows_that_do_not_overlap_keep_no_covariances(record: np.ndarray) -> None:
+    streaming = StreamingIdentifier(RATE, 5, OmaSettings(window_duration=300.0, hop=300.0))
+    tracemalloc.start()
+    streaming.push(record[:12000])
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert held < 1e4
+
+
 def test_a_stream_goes_on_without_references_that_it_lacks(record: np.ndarray) -> None:
     window = record[:12000]
     settings = OmaSettings(
-        window_duration=300.0, hop=300.0, reference_channels=("channel 2", "of a silent unit")
+        window_duration=300.0, hop=150.0, reference_channels=("channel 2", "of a silent unit")
     )
     streaming = StreamingIdentifier(RATE, 5, settings)
     streaming.push(window)
     ours = streaming.identify(0, window).modes
-    present = OmaSettings(window_duration=300.0, hop=300.0, reference_channels=("channel 2",))
+    present = OmaSettings(window_duration=300.0, hop=150.0, reference_channels=("channel 2",))
     theirs = min(identify(window, RATE, present).modes, key=lambda m: abs(m.frequency - 0.32))
     mode = min(ours, key=lambda m: abs(m.frequency - 0.32))
     assert abs(mode.frequency - theirs.frequency) < theirs.frequency_std

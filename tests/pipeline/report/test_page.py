@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -45,6 +46,20 @@ def headings(text: str) -> list[str]:
 def test_a_page_stands_alone_and_is_small(one_page: str) -> None:
     assert_stands_alone(one_page)
     assert len(one_page.encode()) < LARGEST
+
+
+def words_of(text: str) -> list[str]:
+    """What a page says, line by line, without its pictures."""
+    text = re.sub(r"<(svg|style|script)\b.*?</\1>|<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"</(p|h\d|tr|li|dd|dt|summary|figcaption|title|pre)>", "\n", text)
+    text = unescape(re.sub(r"<[^>]+>", " ", text))
+    return [" ".join(line.split()) for line in text.splitlines() if line.strip()]
+
+
+def test_a_page_says_what_it_said(one: Path, one_page: str) -> None:
+    """A change that is meant renews the text: the lines of `words_of`."""
+    said = "\n".join(words_of(one_page)).replace(str(one), "session.mcap") + "\n"
+    assert said == (Path(__file__).parents[2] / "golden" / "page.txt").read_text("utf-8")
 
 
 def test_sentences_come_before_figures_and_figures_before_settings(one_page: str) -> None:

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.messages import FoundationPosterior, Message, QualityWarning
+from pipeline.messages import FoundationPosterior, Message, ParameterSummary, QualityWarning
 from pipeline.report.recorded_session import TurbineRecord, read_session
 from pipeline.report.sentences import (
+    _intervals_differ,
     condition,
     event_sentence,
     findings,
@@ -130,3 +131,13 @@ def test_a_record_knows_each_window_once_and_the_truth_that_held_then(tmp_path: 
     before, after = START_NS + WINDOW_NS, START_NS + 5 * WINDOW_NS
     assert record.true_stiffness("k22", before) == pytest.approx(nominal)
     assert record.true_stiffness("k22", after) == pytest.approx(0.91 * nominal)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "differ"),
+    [(0.7, 0.9, False), (0.7, 0.89, True), (1.1, 1.2, False), (1.11, 1.2, True)],
+)
+def test_intervals_that_touch_do_not_differ(low: float, high: float, differ: bool) -> None:
+    one = ParameterSummary("k11", "N/m", nominal=1.0, median=1.0, p05=0.9, p95=1.1)
+    other = replace(one, p05=low, p95=high)
+    assert _intervals_differ(one, other) == _intervals_differ(other, one) == differ

@@ -5,9 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.sources.ground_truth import TRUTH_PERIOD, simulated_truths
+from pipeline.messages import FoundationTruth
+from pipeline.sources.ground_truth import (
+    TRUTH_PERIOD,
+    later_truths,
+    simulated_truths,
+    stored_truth,
+    with_truths,
+)
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.structure.foundation import FoundationSprings
+from tests.pipeline.example_messages import LAYOUT, block
 
 START_NS = 1_700_000_000 * NANOSECONDS
 
@@ -31,3 +39,20 @@ def test_a_truth_is_given_at_the_beginning_and_at_the_first_look_after_a_change(
     if changes_at is not None:
         expected.append([TRUTH_PERIOD * np.ceil(changes_at / TRUTH_PERIOD), 0.8])
     assert np.array(found) == pytest.approx(np.array(expected))
+
+
+def test_a_truth_comes_before_the_first_block_that_lies_behind_it() -> None:
+    """One of a block's last instant waits for the next block; what is left is not given."""
+    blocks = [block(number) for number in range(3)]
+    times = [blocks[0].start_ns, blocks[0].end_ns, blocks[1].end_ns + 1, blocks[2].end_ns]
+    truths = [FoundationTruth("t1", time_ns, 1e10, 8e11, 6e10) for time_ns in times]
+    given = list(with_truths([LAYOUT, *blocks], iter(truths)))
+    expected = [LAYOUT, truths[0], blocks[0], truths[1], blocks[1], truths[2], blocks[2]]
+    assert [id(each) for each in given] == [id(each) for each in expected]
+    assert list(later_truths(iter(truths), truths[0])) == truths[1:]
+
+
+def test_a_stored_truth_is_read_as_it_was() -> None:
+    stored = {"truth": {"time_ns": "5", "k11": "1.5", "k22": "2.5", "k12": "-3.5"}}
+    assert stored_truth(stored, "t1") == FoundationTruth("t1", 5, 1.5, 2.5, -3.5)
+    assert stored_truth({}, "t1") is None

@@ -5,7 +5,7 @@ from pipeline.monitoring.status import status_figures
 from pipeline.monitoring.summary import run_figures, turbine_figures
 from pipeline.state.run_state import RunState
 from pipeline.viewer.pictures.status_text import SessionStatus
-from tests.pipeline.example_messages import START_NS, block, status
+from tests.pipeline.example_messages import START_NS, block, rejection, status
 from tests.pipeline.report.example_session import session
 from tests.pipeline.state.test_run_modes import WINDOW, estimate, mode
 
@@ -63,3 +63,21 @@ def test_what_is_let_go_stays_counted() -> None:
     assert state.gone["windows"] == 3
     assert state.received["ModalEstimate"] == 5
     assert list(state.statuses) == ["recorder"]
+
+
+def test_a_rejection_that_comes_again_is_kept_once_beside_others() -> None:
+    run = RunState()
+    for window in (0, 1, 0, 1, 2):
+        run.fold(rejection(window))
+    kept = run.turbine("t1")
+    assert [each.window for each in kept.rejected] == [0, 1, 2]
+    assert kept.rejections == {"gap": 5}
+
+
+def test_a_block_that_comes_again_counts_again_unless_it_is_asked_otherwise() -> None:
+    counts = []
+    for run in (RunState(), RunState(once=True)):
+        for number in (0, 1, 1):
+            run.fold(block(number))
+        counts.append(run.turbine("t1").published)
+    assert counts == [3, 2]

@@ -3,7 +3,8 @@
 import pytest
 
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
-from sensors.files.channel_names import guess_channels, other_quantity
+from sensors.errors import InputError
+from sensors.files.channel_names import guess_channels, other_quantity, placed
 
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
@@ -126,3 +127,26 @@ def test_two_channels_of_one_height_without_axes_are_taken_across_each_other() -
     assert not found[1].direction_known
     three = guess_channels(["top 92 m a", "top 92 m b", "top 92 m c"])
     assert [each.direction for each in three] == [FORE_AFT] * 3
+
+
+@pytest.mark.parametrize(
+    ("answer", "elevation", "direction"),
+    [
+        ("97 fa", 97.0, (1, 0, 0)),
+        ("44,1 -ss", 44.1, (0, -1, 0)),
+        ("-20.5m, up", -20.5, (0, 0, 1)),
+        ("8x", 8.0, (1, 0, 0)),
+    ],
+)
+def test_an_answer_places_a_channel(answer: str, elevation: float, direction: object) -> None:
+    (channel,) = guess_channels(["ch1"])
+    answered = placed(channel, answer)
+    assert answered.known
+    assert (answered.elevation, answered.direction) == (elevation, direction)
+
+
+@pytest.mark.parametrize("answer", ["", "97", "fa", "97 sideways", "97 98 fa"])
+def test_an_answer_without_height_or_axis_is_refused(answer: str) -> None:
+    (channel,) = guess_channels(["ch1"])
+    with pytest.raises(InputError, match="a height in metres and an axis are needed"):
+        placed(channel, answer)

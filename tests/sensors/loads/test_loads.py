@@ -27,6 +27,8 @@ from sensors.loads import (
     wave_profile,
     white_kernel,
 )
+from sensors.loads.filtered import spectral_kernel
+from sensors.loads.synthesis import OVERLAP, harmonics
 from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
 from sensors.structure.structural_model import PLANE_COLUMNS, StructuralModel
@@ -203,3 +205,18 @@ def test_a_load_that_cannot_be_is_refused_with_its_value(
 ) -> None:
     with pytest.raises(LoadError, match=message):
         settings_type(**wrong)
+
+
+def test_a_kernel_ends_in_nothing_and_is_symmetric_with_variance_one() -> None:
+    kernel = spectral_kernel(1.0 / (1.0 + np.arange(33.0)), 40.0)
+    assert len(kernel) == 64
+    assert kernel[0] == pytest.approx(0.0, abs=1e-12)
+    assert np.argmax(kernel) == 32
+    np.testing.assert_allclose(kernel[1:], kernel[1:][::-1], atol=1e-12)
+    assert np.linalg.norm(kernel) == pytest.approx(1.0)
+
+
+def test_a_segment_has_at_least_one_harmonic_and_none_beyond_the_highest() -> None:
+    assert harmonics(0.0).tolist() == [1 / (2 * OVERLAP)]
+    assert len(harmonics(0.5)) == 600
+    assert harmonics(0.5)[-1] == pytest.approx(0.5)

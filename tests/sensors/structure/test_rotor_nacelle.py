@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 
 from sensors.structure.components import RigidBody, RotorNacelle
 from sensors.structure.foundation import TurbineError
@@ -17,6 +17,7 @@ from sensors.structure.rotor_nacelle import (
     nacelle_mass,
     rigid_body_mass,
     rigid_displacement,
+    twisted_blade_bending,
 )
 from tests.sensors.structure.towers import parked_turbine
 
@@ -152,3 +153,16 @@ def test_the_azimuth_turns_the_rotor_from_up_towards_the_side(azimuth: float) ->
         up = np.array([np.sin(np.radians(nacelle.tilt)), 0, np.cos(np.radians(nacelle.tilt))])
         assert span == pytest.approx(np.cos(angle) * up + np.sin(angle) * np.array([0.0, 1, 0]))
     assert np.sum(spans, axis=0) == pytest.approx(np.zeros(3), abs=1e-12)  # the rotor balances
+
+
+def test_blades_without_twist_bend_in_both_directions_for_themselves() -> None:
+    blades = parked_turbine().blades
+    assert blades is not None
+    blades = replace(blades, elements=tuple(replace(each, twist=0.0) for each in blades.elements))
+    both = twisted_blade_bending(blades)
+    flap, edge = blade_bending(blades, "flap"), blade_bending(blades, "edge")
+    for whole, one, other in (
+        (both.mass, flap.mass, edge.mass),
+        (both.stiffness, flap.stiffness, edge.stiffness),
+    ):
+        np.testing.assert_allclose(whole, block_diag(one, other), rtol=1e-12, atol=1e-6)

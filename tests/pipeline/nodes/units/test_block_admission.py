@@ -291,14 +291,21 @@ def test_limits_are_keys_of_a_scenario() -> None:
     text = """
     [limits]
     channels = 7
-    sampling_rate = 50.0
     block_megabytes = 0.5
     cpu_seconds = 3.0
     units = 2
     turbines = 3
+    window_values = 1e6
     """
     limits = scenario_from_text(text, "own.toml").limits
-    assert limits == LimitSettings(7, 50.0, 0.5, 3.0, units=2, turbines=3)
+    assert limits == LimitSettings(
+        channels=7,
+        block_megabytes=0.5,
+        cpu_seconds=3.0,
+        window_values=1e6,
+        units=2,
+        turbines=3,
+    )
 
 
 # ---- a boot that changes, and two devices under one name ----------------------------------------

@@ -1,5 +1,7 @@
 """Each way in which a record may be unfit has its name, and is mended, warned of or rejected."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,8 @@ from pipeline.oma.data_quality.input_checks import (
     is_harmonic,
     mended,
 )
-from pipeline.oma.identification import hardly_damped, identify
+from pipeline.oma.identification import check_window, hardly_damped, identify
+from pipeline.oma.ssi.preprocessing import lines_of_channels
 from tests.pipeline.oma.conftest import KnownStructure
 
 RATE = 20.0  # [Hz]
@@ -147,3 +150,21 @@ def test_stamps_that_contradict_the_stated_rate_are_followed(record: np.ndarray)
     result = identify(record, 25.0, times=np.arange(len(record)) / RATE)
     assert "sampling-rate" in [warning.code for warning in result.warnings]
     assert min(abs(m.frequency - 1.236) for m in result.modes) < 0.0124
+
+
+def test_checks_hold_few_copies_of_the_samples() -> None:
+    samples = np.random.default_rng(3).normal(size=(20_000, 24)).astype(np.float32)
+    tracemalloc.start()
+    check_window(samples, 40.0)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 32 * samples.size  # [bytes]; 60 and more where all channels are worked on at once
+
+
+def test_lines_of_channels_are_those_of_all_at_once() -> None:
+    samples = np.random.default_rng(4).normal(size=(301, 3))
+    scales, taper = np.array([1.0, 2.0, 0.5]), np.hanning(301)
+    at_once = np.fft.rfft(taper[:, None] * samples / scales, axis=0)
+    np.testing.assert_allclose(lines_of_channels(samples, scales, taper), at_once, atol=1e-12)
+    untapered = np.fft.rfft(samples / scales, axis=0)
+    np.testing.assert_allclose(lines_of_channels(samples, scales), untapered, atol=1e-12)

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.messages import Mode
 from pipeline.oma.whittle.fit import WhittleFit
-from pipeline.oma.whittle.pair_axes import along_axes
+from pipeline.oma.whittle.pair_axes import along_axes, principal_axes
 from pipeline.oma.whittle.pairs import Partner, joint_pair
 from tests.pipeline.oma.whittle.test_spectral_model import two_modes
 
@@ -38,3 +38,11 @@ def test_axes_that_mean_frequencies_tell_apart_are_turned_by_what_these_leave() 
     """Amplitudes 1 and .2, an angle of .1 in units of each: .02 of one, .5 of the other."""
     partner = Partner(np.ones(2), power_share=0.04, noise_share=0.0, turn=0.1)
     assert partner.turns == pytest.approx((0.02, 0.5))
+
+
+def test_principal_axes_are_the_two_strongest_of_all_channels() -> None:
+    shapes = np.zeros((4, 2))
+    shapes[1, 0], shapes[3, 1] = 1.0, 1.0
+    share, axes = principal_axes(shapes, np.diag([4.0, 1.0]), np.ones((4, 1)))
+    assert share == pytest.approx(0.25)
+    np.testing.assert_allclose(np.abs(axes.T), [[0, 1, 0, 0], [0, 0, 0, 1]], atol=1e-12)

@@ -29,3 +29,11 @@ def test_a_gap_however_short_leaves_a_hole_in_the_blocks_numbers(
     assert [block.sequence for block in blocks] == [0, 1, 2 + skipped, 3 + skipped]
     assert [block.first_sample for block in blocks] == [0, 40, 80 + missing, 120 + missing]
     assert cutter.missing_blocks == skipped
+
+
+def test_a_session_that_begins_late_counts_its_samples_from_its_own_first() -> None:
+    cutter = RowCutter(LAYOUT, RATE, 40, SessionNames())
+    blocks = [*cutter.push(1000, np.ones((100, 1)), time_of)]
+    assert [block.first_sample for block in blocks] == [0, 40]
+    assert [block.sequence for block in blocks] == [0, 1]
+    assert [block.start_ns for block in blocks] == [time_of(1000), time_of(1040)]

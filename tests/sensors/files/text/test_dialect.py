@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from sensors.files.table import FileError, TimeColumn
 from sensors.files.text.dialect import BEGINNING, read_head
-from sensors.files.text.preamble import stated_start_ns
+from sensors.files.text.preamble import start_in_name, stated_start_ns
 
 
 def cut_within(folder: Path, cell: str, *, kept: int) -> Path:
@@ -59,5 +61,30 @@ def test_a_stated_start_counts_from_1970_in_utc(line: str, expected: int) -> Non
 
 def test_a_start_that_may_be_in_two_months_is_the_one_that_is_said() -> None:
     line = "Start time:\t03/02/2024 04:05:06"
-    assert stated_start_ns([line], "day-first") == 1_706_933_106_000_000_000
-    assert stated_start_ns([line], "month-first") == 1_709_352_306_000_000_000
+    assert stated_start_ns([line], TimeColumn(dates="day-first")) == 1_706_933_106_000_000_000
+    assert stated_start_ns([line], TimeColumn(dates="month-first")) == 1_709_352_306_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("name", "zone", "begin"),
+    [
+        ("mast_20250301_000230", "", "2025-03-01T00:02:30"),
+        ("T1-2025-03-01T00-02-30", "", "2025-03-01T00:02:30"),
+        ("202503010002", "", "2025-03-01T00:02:00"),
+        ("mast_20250301_000230", "Europe/Berlin", "2025-02-28T23:02:30"),
+        ("mast_20250701_000230", "Europe/Berlin", "2025-06-30T22:02:30"),
+        ("mast_20250301_000230Z", "Europe/Berlin", "2025-03-01T00:02:30"),
+        ("mast_20250301", "", None),
+        ("tower_2025_97m_100Hz", "", None),
+        ("20251301_000230", "", None),
+    ],
+)
+def test_the_start_in_a_files_name(name: str, zone: str, begin: str | None) -> None:
+    found = start_in_name(name, TimeColumn(zone=zone))
+    wanted = 0 if begin is None else int(np.datetime64(begin, "ns").astype(np.int64))
+    assert found == wanted
+
+
+def test_an_unknown_zone_is_refused() -> None:
+    with pytest.raises(FileError, match="zone 'Berlin' is no time zone"):
+        TimeColumn(zone="Berlin")

@@ -1,0 +1,154 @@
+"""What a valid unit that misbehaves costs the others of a live session, in memory and in time.
+
+    python -m tests.benchmarks misbehaving [--only FORM …] [--write]
+
+    4 turbines × 8 channels × 40 Hz ══╗
+    one unit of a fifth turbine ══════╩═► session in processes ══► recording
+
+All send a window, all but its last half minute at fifteen times real time. Memory is the
+proportional set size of the session and its children, beside that of the run without the fifth.
+"""
+
+import argparse
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.messages import FoundationPosterior, WindowRejected
+from pipeline.transport.bus import Inbox
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from tests.benchmarks import live_farm
+from tests.benchmarks._results import keep, kept
+
+TURBINES, HURRY, SECONDS = 4, 15.0, 605
+AFTER = 90.0  # for the last posteriors, at most [s]
+Blocks = Iterator[AccelerationBlock]
+
+
+def sent(n_channels: int, rate: float, length: float = 1.0) -> Blocks:
+    """Noise of so many channels, in blocks of so many seconds."""
+    rng, n = np.random.default_rng(1), round(rate * length)
+    samples = rng.standard_normal((n, n_channels)).astype(np.float32)
+    start_ns = time.time_ns()
+    for number in range(int(SECONDS / length)):
+        at = start_ns + round(number * length * NANOSECONDS)
+        turned = np.roll(samples, 7 * number, axis=0)
+        yield AccelerationBlock("bad", "tower", "s", "l", number, number * n, at, rate, turned)
+
+
+def odd_sizes() -> Blocks:
+    """Blocks of 1 to 4000 samples, without order."""
+    rng = np.random.default_rng(2)
+    for block in sent(8, 40.0):
+        n = int(rng.integers(1, 4000))
+        yield replace(block, samples=rng.standard_normal((n, 8)).astype(np.float32))
+
+
+FORMS: dict[str, Callable[[], Blocks]] = {
+    "quiet": lambda: iter(()),
+    "100 channels": lambda: sent(100, 40.0),
+    "32 channels": lambda: sent(32, 40.0),
+    "1000 channels": lambda: sent(1000, 40.0),
+    "blocks of 7 MB": lambda: sent(8, 40.0 * 5500, 1.0),
+    "16 channels at 1 kHz": lambda: sent(16, 1000.0),
+    "8 channels at 10 kHz": lambda: sent(8, 10_000.0),
+    "names of units": lambda: (replace(b, unit=f"u{b.sequence}") for b in sent(8, 40.0)),
+    "names of turbines": lambda: (replace(b, turbine=f"bad{b.sequence}") for b in sent(8, 40.0)),
+    "odd sizes": odd_sizes,
+}
+
+
+def main(arguments: list[str]) -> None:
+    """Run the forms; print what each cost."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks misbehaving")
+    parser.add_argument("--only", choices=[*FORMS], nargs="*", default=[*FORMS])
+    parser.add_argument("--write", action="store_true")
+    chosen = parser.parse_args(arguments)
+    for form in chosen.only:
+        with tempfile.TemporaryDirectory() as folder:
+            figures = measured(FORMS[form], Path(folder))
+        print(form, json.dumps(figures), flush=True)
+        if chosen.write:  # form by form
+            before = kept("misbehaving")
+            keep(
+                "misbehaving",
+                (before["figures"] if before else {}) | {form: figures},
+                command="python -m tests.benchmarks misbehaving --write",
+                depends=("pipeline/nodes", "pipeline/oma", "pipeline/transport"),
+            )
+
+
+def measured(blocks: Callable[[], Blocks], folder: Path) -> dict[str, Any]:
+    """Memory, answers and how long the end takes, with these blocks beside the turbines'."""
+    scenario, out, endpoint = folder / "farm.toml", folder / "out", free_endpoint()
+    scenario.write_text(live_farm.SCENARIO.format(turbines=TURBINES), encoding="utf-8")
+    command = [sys.executable, "-m", "pipeline", "run", "--source", "live", "--processes"]
+    command += ["--no-rrd", "--scenario", str(scenario), "--listen", endpoint, "--out", str(out)]
+    session = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    memory: list[dict[str, float]] = []
+    done = threading.Event()
+    watching = threading.Thread(target=live_farm.watch, args=(session.pid, memory, done))
+    watching.start()
+    try:
+        live_farm.wait_for(endpoint)
+        time.sleep(12.0)
+        connection = ZenohSettings(mode="peer", connect=(endpoint,))
+        with closing(ZenohBus(connection)) as bus, closing(ZenohBus(connection)) as bad:
+            answers = Inbox()
+            subscription = bus.subscribe((FoundationPosterior, WindowRejected), answers)
+            other = threading.Thread(target=misbehave, args=(bad, blocks()))
+            other.start()
+            live_farm.publish(bus, TURBINES, SECONDS, 1.0, HURRY)
+            answered = wait_for_honest(answers)
+            other.join()
+            subscription.close()
+    finally:
+        done.set()
+        asked = time.monotonic()
+        session.send_signal(signal.SIGTERM)
+        session.wait(120)
+        ended = time.monotonic() - asked
+        watching.join()
+    totals = [sum(each.values()) for each in memory]
+    largest = {
+        name: max(held for each in memory for key, held in each.items() if key.startswith(name))
+        for name in {key.split()[0] for each in memory for key in each}
+    }
+    return {
+        "largest_pss_mb": round(max(totals) / 1e6),
+        "largest_pss_mb_by_process": {k: round(v / 1e6) for k, v in sorted(largest.items())},
+        "honest_windows_answered": answered,
+        "ended_after_s": round(ended, 1),
+    }
+
+
+def misbehave(bus: ZenohBus, blocks: Blocks) -> None:
+    """Send a block a second, in the turbines' pace."""
+    due = time.monotonic()
+    for number, block in enumerate(blocks):
+        bus.publish(block)
+        due += 1.0 if number % 600 >= 570 else 1.0 / HURRY
+        time.sleep(max(0.0, due - time.monotonic()))
+
+
+def wait_for_honest(answers: Inbox) -> int:
+    """Return how many of the turbines had their answer in time."""
+    found: set[str] = set()
+    deadline = time.monotonic() + AFTER
+    while len(found) < TURBINES and time.monotonic() < deadline:
+        answer = answers.get(timeout=1.0)
+        if isinstance(answer, FoundationPosterior) and answer.turbine.startswith("t"):
+            found.add(answer.turbine)
+    return len(found)

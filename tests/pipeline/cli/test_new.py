@@ -1,0 +1,72 @@
+"""`pilewatch new` asks on a terminal what no file can show, and nothing anywhere else."""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.cli import main
+from pipeline.recording.info import recording_info
+
+Answered = Callable[[str, str], str]
+
+
+@pytest.fixture
+def nameless(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Two channels without heights, axes or times, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    samples = np.random.default_rng(3).standard_normal((400, 2))
+    np.savetxt("two.csv", samples, delimiter=",", header="ch1,ch2", comments="")
+    return tmp_path
+
+
+def call(arguments: str, monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(sys, "argv", ["pilewatch", *arguments.split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+@pytest.fixture
+def on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> Answered:
+    """Call a command with answers typed into a pseudo terminal; what it asked."""
+
+    def answered(arguments: str, answers: str) -> str:
+        ours, its = os.openpty()
+        os.write(ours, answers.encode())
+        with os.fdopen(its, "r", buffering=1) as keys, open(os.dup(its), "w") as screen:
+            monkeypatch.setattr(sys, "stdin", keys)
+            monkeypatch.setattr(sys, "stderr", screen)
+            assert call(arguments, monkeypatch) == 0
+        asked = os.read(ours, 100_000).decode()
+        os.close(ours)
+        return asked
+
+    return answered
+
+
+def test_a_terminal_is_asked_for_the_rate_and_for_heights_and_axes(
+    nameless: Path, on_a_terminal: Answered
+) -> None:
+    asked = on_a_terminal("new two.csv -o mine", "twelve\n97,5 -ss\nhigh\n\n20\n")
+    assert "ch1: height not in the name" in asked
+    assert "'high': a height in metres and an axis are needed" in asked
+    (layout,) = recording_info(nameless / "mine/recordings/two.mcap").layouts
+    assert layout.elevations.tolist() == [97.5, 2.0]
+    assert layout.directions.tolist() == [[0, -1, 0], [1, 0, 0]]
+
+
+@pytest.mark.parametrize("option", ["", "--yes"])
+def test_without_a_terminal_nothing_is_asked_and_guesses_are_stated(
+    nameless: Path,
+    option: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert call(f"new two.csv -o mine --sampling-rate 20 {option}", monkeypatch) == 0
+    assert "What the names do not have is a guess" in capsys.readouterr().out
+    assert call(f"new two.csv -o other {option}", monkeypatch) == 2
+    assert "--sampling-rate HZ" in capsys.readouterr().err
