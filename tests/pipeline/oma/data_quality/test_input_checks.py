@@ -14,7 +14,7 @@ from pipeline.oma.data_quality.input_checks import (
     mended,
 )
 from pipeline.oma.identification import check_window, hardly_damped, identify
-from pipeline.oma.ssi.preprocessing import lines_of_channels
+from pipeline.oma.preprocessing import lines_of_channels
 from tests.pipeline.oma.conftest import KnownStructure
 
 RATE = 20.0  # [Hz]
