@@ -12,7 +12,6 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twins_in
 from pipeline.oma.ssi.covariance import ALL, LagCovariances, References, lag_covariances
-from pipeline.oma.ssi.measured_quantities import to_acceleration
 from pipeline.oma.ssi.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
 from pipeline.oma.ssi.stabilization import (
     PoleCloud,
@@ -20,6 +19,7 @@ from pipeline.oma.ssi.stabilization import (
     clusters,
     pole_cloud,
     recurring,
+    to_acceleration,
     with_phases,
 )
 from pipeline.oma.ssi.uncertainty import (
