@@ -3,8 +3,8 @@
 python -m tests.benchmarks figures [--check]
 
 `figures.toml` has a row for each figure: its words, a result and a pattern that its figures fill
-in. A row whose code is newer than its result is marked *. `--check` writes nothing and exits with 1 where a table is not
-what the results give, or a row is old.
+in. A row whose code is newer than its result is marked *. `--check` writes nothing and exits with 1
+where a table is not what the results give, or a row is old.
 """
 
 import argparse
