@@ -156,9 +156,14 @@ class WindowRejected:
 
 
 def without_covariances(estimate: ModalEstimate) -> ModalEstimate:
-    """The estimate without its modes' covariance factors, by far its largest part."""
+    """The estimate without its modes' covariance factors, by far its largest part.
+
+    The empty ones are arrays of their own: a slice would keep the whole factor in memory.
+    """
     modes = tuple(
-        replace(mode, covariance_factor=mode.covariance_factor[:, :0], n_block_columns=0)
+        replace(
+            mode, covariance_factor=np.empty((len(mode.covariance_factor), 0)), n_block_columns=0
+        )
         for mode in estimate.modes
     )
     return replace(estimate, modes=modes)

@@ -6,15 +6,16 @@
                                             one decomposition, as for an array
 
 A window's result equals that of `identify` on the window's own samples: the filter's and the
-lags' first samples are taken from inside the window, never from before it. The decomposition, which
-is most of the work, is that of a new window: one that slid by a tenth costs as much as one from
-scratch (`tests/benchmarks identification speed`).
+lags' first samples are taken from inside the window, never from before it. Rounding may move which
+order's pole represents a mode: of sixteen modes one differed, by a quarter of its std. The
+decomposition, which is most of the work, is that of a new window: one that slid by a tenth costs as
+much as one from scratch (`tests/benchmarks identification speed`).
 
 Why only covariances are carried from window to window: beyond the strongest ones, the singular
 vectors of the Hankel matrix are fitted noise, and a tenth of new samples turns them. Of a 15 MW
 tower's first sixty, two to four per cent lie outside the span of an earlier window's first two
 hundred, so that no projection of a block on a kept basis would still be right to the 1e-8 that
-poles are, or to the 1e-4 that their std is; and the poles of every order follow from all of them.
+poles are, or to the 1e-3 that their std is; and the poles of every order follow from all of them.
 """
 
 import math

@@ -6,10 +6,18 @@ from dataclasses import MISSING, fields
 import numpy as np
 import pytest
 
-from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ParameterSummary
+from pipeline.messages import (
+    FoundationPosterior,
+    ModalEstimate,
+    Mode,
+    ParameterSummary,
+    without_covariances,
+)
 from pipeline.nodes.node import NodeStatistics
 from pipeline.streams import STREAMS
+from pipeline.transport.codec import decode, encode
 from tests.pipeline.example_messages import START_NS, block
+from tests.pipeline.report.example_session import estimate
 
 FACTOR = np.array([[0.003, 0.0], [0.0, 0.001], [0.0, 0.0], [0.3, 0.4]])
 
@@ -70,3 +78,13 @@ def test_a_posterior_gives_its_parameters_by_name() -> None:
     assert posterior.parameter("k22") is k22
     with pytest.raises(KeyError):
         posterior.parameter("k33")
+
+
+def test_an_estimate_without_covariances_holds_nothing_of_them() -> None:
+    """A live state keeps thousands: 140 kB each, while a slice kept what it was cut from."""
+    received = decode(ModalEstimate, encode(estimate(0)))
+    for mode, whole in zip(without_covariances(received).modes, received.modes, strict=True):
+        assert mode.covariance_factor.shape == (len(whole.covariance_factor), 0)
+        assert mode.covariance_factor.base is None
+        assert mode.n_block_columns == 0
+        assert mode.frequency_std == whole.frequency_std

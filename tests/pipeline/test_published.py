@@ -23,7 +23,7 @@ from rich.table import Table
 
 from pipeline.cli import results
 from pipeline.cli.tables.modes import identified_modes_table
-from pipeline.cli.tables.posteriors import posterior_table, posteriors_table
+from pipeline.cli.tables.posteriors import figures_tables, posterior_table, posteriors_table
 from pipeline.cli.tables.recordings import (
     info_json,
     recording_tables,
@@ -44,12 +44,19 @@ from pipeline.report.recorded_session import read_session
 from pipeline.scenario import load_scenario, scenario_from_text, shipped_scenarios
 from pipeline.state.json_values import with_nulls
 from pipeline.state.run_modes import combined_modes
+from pipeline.updating.structural.sensors.figures import sensor_figures
+from pipeline.updating.structural.settings import OTHERS, UNCERTAIN
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.settings import constants_of
-from tests.pipeline.example_messages import START_NS, block, status
+from sensors.structure.description import load_turbine
+from tests.pipeline.example_messages import LAYOUT, START_NS, block, status
 from tests.pipeline.report.example_session import estimate, posterior, recorded, session
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "published.json"
+FIGURES = {
+    "added_mass": {"median": 0.012, "p05": -0.1, "p95": 0.12, "unit": "-"},
+    "gain z145-fa": {"median": 1.0, "p05": 0.98, "p95": 1.02, "unit": "[m]"},
+}
 DELIVERY = DeliveryState("webhook-1", 1, 2, 3, 4, 5, 6.0, START_NS, "away")
 
 
@@ -114,15 +121,24 @@ def published() -> dict[str, Any]:
         "tables": {
             "status": printed(status_tables(node.as_json())),
             "posterior": printed([posterior_table(answers[0]), posteriors_table(answers * 2)]),
+            "figures": printed(figures_tables(answers[0] | {"figures": FIGURES})),
             "modes": printed([identified_modes_table(modes, 2), identified_modes_table([], 0)]),
             "scenarios": printed([scenarios_table([*map(load_scenario, shipped_scenarios())])]),
             "results": _results(summary, figures),
             "recording": printed(recording_tables(info))[2:],
         },
+        "priors": _priors(),
         "scenario": scenario_settings(own).splitlines(),
         "defaults": dict(_defaults(scenario_from_text("", "own.toml"), "")),
     }
     return dict(json.loads(json.dumps(with_nulls(found))))
+
+
+def _priors() -> dict[str, float]:
+    """Standard deviations of what is not known exactly, by name, in its own unit."""
+    turbine = load_turbine("iea15mw_monopile")
+    structure = {each.name: each.std for each in UNCERTAIN.prior(turbine).figures}
+    return structure | dict(OTHERS) | {each.name: each.std for each in sensor_figures(LAYOUT)}
 
 
 def _defaults(settings: Any, prefix: str) -> Iterator[tuple[str, str]]:

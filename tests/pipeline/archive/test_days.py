@@ -62,3 +62,10 @@ def test_a_fingerprint_is_of_the_day_before_and_of_what_was_done() -> None:
     keys = [day.key(before, done) for before in "ab" for done in ([True, True], [True, False])]
     assert len(set(keys)) == 4
     assert keys[0] == day.key("a", [True, True])
+
+
+def test_the_last_nanosecond_of_a_day_is_still_its_own() -> None:
+    midnight = START_NS + 24 * HOUR
+    assert [date_of(each) for each in (START_NS, midnight - 1, midnight)] == [
+        *("2026-01-04", "2026-01-04", "2026-01-05"),
+    ]

@@ -1,6 +1,7 @@
 """A recording that was cut keeps every chunk that was complete."""
 
 import errno
+import io
 import multiprocessing
 import os
 import random
@@ -14,7 +15,7 @@ from mcap.opcode import Opcode
 
 from pipeline.cli import main
 from pipeline.recording.errors import RecordingError
-from pipeline.recording.mcap_file import record_offsets
+from pipeline.recording.mcap_file import _summary_holds, record_offsets
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.salvage import salvage
 from pipeline.recording.writer import Recorder
@@ -204,3 +205,15 @@ def test_a_message_that_came_late_is_still_late_after_salvaging(tmp_path: Path) 
     delays = {log - publish for log, publish in received[1:]}
     assert delays  # the layout has no time of its own
     assert all(delay > 2 * SECOND for delay in delays)
+
+
+def test_a_summary_holds_where_its_checksum_is_that_of_its_bytes(tmp_path: Path) -> None:
+    path = record(tmp_path / "whole.mcap", MINUTE)
+    whole = path.read_bytes()
+    assert _summary_holds(io.BytesIO(whole))
+    for place in (len(whole) - 60, len(whole) - 400):  # both inside the summary
+        damaged = bytearray(whole)
+        damaged[place] ^= 1
+        assert not _summary_holds(io.BytesIO(bytes(damaged)))
+    assert not _summary_holds(io.BytesIO(whole[: len(whole) // 2]))
+    assert not _summary_holds(io.BytesIO(b""))

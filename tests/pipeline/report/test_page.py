@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,12 +25,16 @@ from tests.pipeline.example_messages import LAYOUT, START_NS, block
 from tests.pipeline.report.example_session import estimate, recorded, session
 from tests.pipeline.report.test_html import assert_stands_alone
 
+PAGE = Path(__file__).parents[2] / "golden" / "page.txt"
 LARGEST = 3e6  # [bytes]
 
 
 @pytest.fixture(scope="module")
 def one(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("report") / "session.mcap"
+    return _recorded(tmp_path_factory.mktemp("report") / "session.mcap")
+
+
+def _recorded(path: Path) -> Path:
     return recorded(path, session(), pilewatch={"version": "0.1.0"}, scenario={"toml": "a = 1\nb"})
 
 
@@ -57,9 +62,12 @@ def words_of(text: str) -> list[str]:
 
 
 def test_a_page_says_what_it_said(one: Path, one_page: str) -> None:
-    """A change that is meant renews the text: the lines of `words_of`."""
-    said = "\n".join(words_of(one_page)).replace(str(one), "session.mcap") + "\n"
-    assert said == (Path(__file__).parents[2] / "golden" / "page.txt").read_text("utf-8")
+    """A change that is meant renews the text: `python -m tests.pipeline.report.test_page`."""
+    assert _said(one, one_page) == PAGE.read_text("utf-8")
+
+
+def _said(one: Path, text: str) -> str:
+    return "\n".join(words_of(text)).replace(str(one), "session.mcap") + "\n"
 
 
 def test_sentences_come_before_figures_and_figures_before_settings(one_page: str) -> None:
@@ -214,3 +222,9 @@ def test_a_session_lasts_from_its_first_turbines_beginning_to_its_last_ones_end(
     records = [SimpleNamespace(span_ns=each) for each in spans]
     session = SimpleNamespace(turbines=records, metadata={}, files=[Path("a")], name="a", unread=())
     assert between_instants(hours[0], hours[3]) in _provenance(session)
+
+
+if __name__ == "__main__":
+    with TemporaryDirectory() as folder:
+        made = _recorded(Path(folder) / "session.mcap")
+        PAGE.write_text(_said(made, page(read_session(made))), "utf-8")

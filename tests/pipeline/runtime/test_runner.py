@@ -4,6 +4,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import count
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,13 @@ from pipeline.messages import Message, MessageCount, NodeStatus, StreamEnd
 from pipeline.nodes.node import Node, NodeStatistics
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.node_thread import DRAINED_WITHIN, STOPPED_WITHIN, NodeThread, serve
-from pipeline.runtime.runner import run_lock_step, run_workers
+from pipeline.runtime.runner import (
+    KEPT_FOR_LAST,
+    KEPT_FOR_RECORDER,
+    _kept_for_others,
+    run_lock_step,
+    run_workers,
+)
 from pipeline.runtime.source_feed import _heard_blocks, with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block as acceleration_block
@@ -283,3 +290,13 @@ def test_a_layout_is_no_first_block(
     status = replace(example_status("recorder"), received=received, lost=lost)
     assert _heard_blocks(status) is heard
     assert not _heard_blocks(None)
+
+
+def test_the_recorder_has_time_left_when_the_nodes_before_it_have_ended() -> None:
+    def kept(*names: str) -> list[float]:
+        return _kept_for_others([SimpleNamespace(name=name) for name in names])  # type: ignore[misc]
+
+    late, last = KEPT_FOR_RECORDER, KEPT_FOR_LAST
+    assert kept("identification", "updating", "recorder", "viewer") == [late, late, last, 0.0]
+    assert kept("identification", "updating", "viewer") == [late, late, 0.0]
+    assert kept("recorder") == [0.0]

@@ -8,7 +8,7 @@ import pytest
 
 from sensors.files import formats
 from sensors.files import table as optional
-from sensors.files.formats import read_chunks, read_file
+from sensors.files.formats import channels_in, read_chunks, read_file
 from sensors.files.table import FileError
 from tests.sensors.files.conftest import NAMES, RATE, SAMPLES, SECONDS, START_NS, WRITERS
 
@@ -147,3 +147,9 @@ def test_a_long_file_comes_in_chunks_that_join_without_a_seam(
     times = np.concatenate([chunk.times for chunk in chunks if chunk.times is not None])
     np.testing.assert_allclose(times, SECONDS, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(np.concatenate([chunk.samples for chunk in chunks]), SAMPLES)
+
+
+def test_the_channels_of_a_file_are_listed_without_its_samples(measurement: Path) -> None:
+    listed, whole = channels_in(measurement), read_file(measurement)
+    assert (listed.names, listed.units) == (whole.names, whole.units)
+    assert len(listed.samples) == 0

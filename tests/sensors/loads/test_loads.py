@@ -28,7 +28,7 @@ from sensors.loads import (
     white_kernel,
 )
 from sensors.loads.filtered import spectral_kernel
-from sensors.loads.synthesis import OVERLAP, harmonics
+from sensors.loads.synthesis import OVERLAP, SegmentedNoise, harmonics
 from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
 from sensors.structure.structural_model import PLANE_COLUMNS, StructuralModel
@@ -220,3 +220,12 @@ def test_a_segment_has_at_least_one_harmonic_and_none_beyond_the_highest() -> No
     assert harmonics(0.0).tolist() == [1 / (2 * OVERLAP)]
     assert len(harmonics(0.5)) == 600
     assert harmonics(0.5)[-1] == pytest.approx(0.5)
+
+
+def test_a_series_holds_harmonics_up_to_half_its_rate() -> None:
+    settings = {"n_sources": 1, "start": 0.0, "rng": np.random.default_rng(1)}
+    rate = 0.1
+    most = round(OVERLAP * rate)
+    SegmentedNoise(lambda _, w: w, n_harmonics=most, sampling_rate=rate, **settings)
+    with pytest.raises(LoadError, match=r"its series can hold 0\.05 Hz"):
+        SegmentedNoise(lambda _, w: w, n_harmonics=most + 1, sampling_rate=rate, **settings)

@@ -1,5 +1,7 @@
 """What changes with time: weather and operation between stages, tide, foundation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -134,3 +136,11 @@ def test_limits_of_settings_are_themselves_allowed() -> None:
     SimulationSettings(seed=0, transient=0.0, noise_share=0.0, quantisation_step=0.0)
     with pytest.raises(SimulationError, match="seed is -1"):
         SimulationSettings(seed=-1)
+
+
+def test_a_tower_on_land_has_the_level_0_and_one_in_water_its_own() -> None:
+    offshore = load_turbine("iea15mw_monopile")
+    settings = SimulationSettings(duration=600.0)
+    assert build_schedule(settings, replace(offshore, water=None)).mean_level == 0.0
+    assert offshore.water is not None
+    assert build_schedule(settings, offshore).mean_level == offshore.water.level

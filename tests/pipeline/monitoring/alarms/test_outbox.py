@@ -208,3 +208,13 @@ def test_a_message_of_an_earlier_version_is_read(tmp_path: Path) -> None:
     waiting = decoded_waiting(b'{"text": "t", "last_ns": 7}')
 
     assert waiting == WaitingMessage({"text": "t", "last_ns": 7}, 7)
+
+
+def test_an_outbox_is_as_old_as_its_oldest_message_and_an_empty_one_is_new(tmp_path: Path) -> None:
+    now_ns = [5 * 10**9]
+    outbox = Outbox(tmp_path, clock=lambda: now_ns[0])
+    assert outbox.age() == 0.0
+    outbox.put({"number": 1})
+    now_ns[0] += 2 * 10**9
+    outbox.put({"number": 2})
+    assert outbox.age() == 2.0

@@ -46,3 +46,9 @@ def test_principal_axes_are_the_two_strongest_of_all_channels() -> None:
     share, axes = principal_axes(shapes, np.diag([4.0, 1.0]), np.ones((4, 1)))
     assert share == pytest.approx(0.25)
     np.testing.assert_allclose(np.abs(axes.T), [[0, 1, 0, 0], [0, 0, 0, 1]], atol=1e-12)
+
+
+def test_no_axis_holds_more_of_the_other_than_all_of_it() -> None:
+    assert Partner(np.ones(2), power_share=4.0, noise_share=0.0).turns == (1.0, 1.0)
+    assert Partner(np.ones(2), power_share=4.0, noise_share=0.0, turn=1.0).turns == (1.0, 0.5)
+    assert Partner(np.ones(2), power_share=0.25, noise_share=0.0, turn=1.0).turns == (0.5, 1.0)

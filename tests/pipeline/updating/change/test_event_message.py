@@ -1,6 +1,7 @@
 """The size of a change: the model's frequencies before and after it, read back as stiffness."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
 from pipeline.updating.change.event_message import (
     TrackSensitivity,
+    _stiffness_changes,
     measured_half_way,
     sensitivities_of,
     stiffness_slopes,
@@ -93,3 +95,14 @@ def test_slopes_that_one_track_lacks_half_way_leave_the_size_as_it_was():
         patch.setattr("pipeline.updating.change.event_message.stiffness_slopes", lacking)
         straight, half_way = measured(np.random.default_rng(31), std=1e-4)
     np.testing.assert_array_equal(half_way.step.ratios, straight.step.ratios)
+
+
+def test_a_change_is_a_share_of_the_spring_before_it_with_its_90_percent_interval() -> None:
+    ratios, stds = np.array([0.11, -0.09, 0.19]), np.array([0.01, 0.02, 0.03])
+    step = SimpleNamespace(ratios=ratios, covariance=np.diag(stds**2))
+    found = _stiffness_changes(SimpleNamespace(step=step), ChangeState(), BEFORE)
+    for place, each in enumerate(found):
+        centre, reach = ratios[place] / BEFORE[place], 1.6449 * stds[place] / BEFORE[place]
+        assert each.median == pytest.approx(centre)
+        assert [each.p05, each.p95] == pytest.approx([centre - reach, centre + reach], rel=1e-3)
+    assert [each.name for each in found] == ["k11", "k22", "k12"]

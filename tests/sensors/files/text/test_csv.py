@@ -95,3 +95,8 @@ def test_units_or_names_say_what_a_channel_measures(tmp_path: Path) -> None:
     assert table.samples[0, 2] == pytest.approx(3e-3)
     unknown = read_file(written(tmp_path, "t,vel,ch2\n0,1,2\n1,1,2\n"))
     assert unknown.quantities is None
+
+
+def test_comments_and_empty_rows_among_the_samples_are_passed_over(tmp_path: Path) -> None:
+    table = read_file(written(tmp_path, "t,a,b\n0,1,2\n# paused\n\n0.5,3,4\n   \n1,5,6\n"))
+    np.testing.assert_array_equal(table.samples, [[1, 2], [3, 4], [5, 6]])

@@ -9,6 +9,7 @@ import pytest
 from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.decks.elastodyn import (
+    BLADE_ELEMENTS,
     Deck,
     mean_between,
     monopile_tubes,
@@ -73,6 +74,9 @@ def test_the_oc3_monopile_has_the_masses_of_its_definition(oc3: TurbineDescripti
     tower = sum(t.mass_per_length * t.length for t in oc3.tubes if t.bottom > 9.9)
     assert tower == pytest.approx(237e3, rel=0.01)
     assert oc3.blades is not None
+    lengths = [each.outer - each.inner for each in oc3.blades.elements]
+    assert len(lengths) == BLADE_ELEMENTS
+    assert lengths == pytest.approx(lengths[:1] * BLADE_ELEMENTS)
     blades = 3 * sum(e.mass_per_length * (e.outer - e.inner) for e in oc3.blades.elements)
     assert blades + oc3.rotor_nacelle.hub_mass == pytest.approx(110e3, rel=0.01)
     assert (oc3.mudline, oc3.tower_top) == pytest.approx((-20.0, 87.6), abs=1e-3)

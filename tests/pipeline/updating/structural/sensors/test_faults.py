@@ -1,6 +1,7 @@
 """Which of several faults of sensors is named."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -70,3 +71,38 @@ def test_a_fault_that_loses_partners_is_none(monkeypatch: pytest.MonkeyPatch) ->
     assert (
         best({"flipped z41-fa": peak(90.0, 180, 0.8)}, peak(240.0, 240, 1.0), monkeypatch) is None
     )
+
+
+@pytest.mark.parametrize(
+    ("cost", "paired", "expected"), [(1.51, 1.0, True), (1.0, 0.84, True), (1.5, 0.85, False)]
+)
+def test_faults_are_looked_for_where_cost_or_pairs_call_for_it(
+    cost: float, paired: float, expected: bool
+) -> None:
+    """No shape is compared here."""
+    comparison = SimpleNamespace(
+        is_frequency=np.ones(3, dtype=bool), pairing=SimpleNamespace(paired_share=paired)
+    )
+    peak = SimpleNamespace(relative_cost=cost, comparison=comparison)
+    assert faults.suspicious(None, peak) is expected  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("error", "figure", "expected"),
+    [(1.1, 0.0, False), (1.2, 0.0, True), (0.0, 3.0, False), (0.0, -3.1, True), (0.0, 3.1, True)],
+)
+def test_faults_are_looked_for_where_shapes_or_a_sensors_figure_call_for_it(
+    error: float, figure: float, expected: bool
+) -> None:
+    """χ² per shape component 1.35, a figure three standard deviations from its prior."""
+    comparison = SimpleNamespace(
+        is_frequency=np.array([True, False, False]),
+        pairing=SimpleNamespace(paired_share=1.0),
+        errors=np.array([9.0, error, error]),
+    )
+    fit = SimpleNamespace(
+        variances=lambda found, sigma: np.ones(3),
+        coordinates=SimpleNamespace(sensors=lambda u: np.array([0.0, figure])),
+    )
+    peak = SimpleNamespace(relative_cost=1.0, comparison=comparison, u=None)
+    assert faults.suspicious(fit, peak) is expected  # type: ignore[arg-type]
