@@ -57,7 +57,7 @@ def build(
     Raises OmaSettingsError where the scenario names a reference channel that the layout lacks, and
     LayoutError where its channels are not what the structural model is compared with.
     """
-    references_among(layout.channel_names, scenario.oma)
+    references_among(layout.channel_names, scenario.oma)  # a wrong name ends the run here
     if scenario.has_structure:
         _require_accelerations(layout)
     turbines = Turbines(
@@ -83,8 +83,8 @@ def build(
         )
 
     def viewer() -> Node:
-        drawn = scenario.structure if scenario.has_structure else bare_mast(layout)
         known = scenario.has_structure
+        drawn = scenario.structure if known else bare_mast(layout)
         return Viewer(outputs.views, drawn, session=outputs.session, has_structure=known)
 
     def recorder() -> Node:

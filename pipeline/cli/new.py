@@ -203,6 +203,10 @@ def _springs(text: str) -> "FoundationSprings":
     return FoundationSprings(k11, k22, abs(k12), "embedded-pile" if k12 < 0 else "published")
 
 
+def _metres(text: str) -> float:
+    return float(text.replace(",", ".").removesuffix("m"))
+
+
 def _rate(text: str) -> float:
     return float(text.replace(",", ".").removesuffix("Hz"))
 
@@ -218,9 +222,11 @@ QUESTIONS = {
     "sampling_rate": "--sampling-rate HZ",
     "dates": "--dates day-first",
     "springs": "give --springs",
+    "mudline": "--mudline METRES",
 }
 READ_ANSWER: dict[str, Callable[[str], Any]] = {
     "sampling_rate": _rate,
+    "mudline": _metres,
     "dates": _dates,
     "springs": _springs,
 }

@@ -18,12 +18,12 @@ from pipeline.messages import (
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.data_quality.rotor_harmonics import turns
 from pipeline.oma.identification import Identification, identify
+from pipeline.oma.preprocessing import MOST_MISSING
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.covariance import settings_for_channels
 from pipeline.oma.ssi.stabilization import stabilisation_diagram
 from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
-from pipeline.oma.windows.missing_samples import MOST_MISSING
 from pipeline.oma.windows.unit_clock import (
     CLOCK_ERROR,
     ClockStep,
@@ -127,7 +127,8 @@ class WindowIdentification:
         self._unit_steps: list[tuple[str, ClockStep]] = []  # of joined units, since the last window
         self._cutter = WindowCutter(settings.window_duration, settings.hop)
         self._tracker = ModeTracker()
-        self._stretch: StreamingIdentifier | None = None  # since the last gap
+        self._overlap = settings.hop < settings.window_duration  # only then windows share work
+        self._stretch: StreamingIdentifier | None = None  # since the last gap, of windows that do
         self._origin = 0  # the stretch's first sample, where a window begins
         self._settings = settings
         self._layouts = layouts
@@ -196,7 +197,7 @@ class WindowIdentification:
 
     def _feed(self, block: AccelerationBlock) -> None:
         """Into the running stretch, which after a gap begins with the next window's start."""
-        if self._work.exceeded:
+        if self._work.exceeded or not self._overlap:
             return
         if self._stretch is None:
             self._stretch = StreamingIdentifier(
@@ -303,14 +304,12 @@ class WindowIdentification:
         if self._stretch is not None and streamed and not (present or window.gaps or turning):
             hops = window.index - self._origin // self._stretch.hop_samples
             return self._stretch.identify(hops, window.samples, channel_names=names)
-        used = range(len(names)) if present is None else present
-        left = [names[column] for column in used]
+        samples = window.samples
+        if present is not None:
+            samples, names = samples[:, present], tuple(names[column] for column in present)
+        settings = settings_for_channels(self._settings, names)
         return identify(
-            window.samples[:, used],
-            window.sampling_rate,
-            settings_for_channels(self._settings, left),
-            channel_names=left,
-            rotor_speed=speed,
+            samples, window.sampling_rate, settings, channel_names=names, rotor_speed=speed
         )
 
     def _missing_units(self, window: Window) -> dict[str, float]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from pipeline.scenario import NO_STRUCTURE, scenario_from_text
 from pipeline.sources.import_files import Measurement, open_measurement, record_measurement
+from pipeline.updating.prior import Prior
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
@@ -345,7 +346,7 @@ def structure_text(
         return description_toml(_of_deck(Path(structure), springs, subdyn, mudline))
     if structure == NO_STRUCTURE:
         return None
-    load_turbine(structure)
+    Prior(load_turbine(structure).foundation.stiffness)  # raises where these cannot be updated
     return None if structure in SHIPPED else turbine_text(structure)
 
 

@@ -21,6 +21,7 @@ from pipeline.oma.data_quality.input_checks import (
     mended,
 )
 from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
+from pipeline.oma.preprocessing import decimated, filled, on_even_grid, without_offset
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
     BandIdentification,
@@ -30,13 +31,10 @@ from pipeline.oma.ssi.band_identification import (
 from pipeline.oma.ssi.bands import Band, plan_bands
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
 from pipeline.oma.ssi.covariance import References, references_among, with_bounded_references
-from pipeline.oma.ssi.measured_quantities import integrations_of
-from pipeline.oma.ssi.preprocessing import decimated, without_offset
-from pipeline.oma.ssi.stabilization import PoleCloud
+from pipeline.oma.ssi.stabilization import PoleCloud, integrations_of
 from pipeline.oma.whittle.lone_modes import Sharpened, bandwidth_share, sharpened, with_unseen
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.spectral_peaks import LOWEST_PEAK
-from pipeline.oma.windows.missing_samples import filled, on_even_grid
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 

@@ -33,6 +33,7 @@ from pipeline.oma.identification import (
     identify,
     rejection_in,
 )
+from pipeline.oma.preprocessing import decimated, n_decimated
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import block_length, modes_of_covariances
 from pipeline.oma.ssi.bands import Band, plan_bands
@@ -47,7 +48,6 @@ from pipeline.oma.ssi.covariance import (
     settings_for_channels,
     takes_some,
 )
-from pipeline.oma.ssi.preprocessing import decimated, n_decimated
 from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import FloatArray
 

@@ -53,8 +53,9 @@ class Prior:
         nominal = np.asarray(nominal, dtype=float)
         if nominal.shape != (3,) or not np.all(np.isfinite(nominal)) or np.any(nominal == 0):
             raise UpdatingError(
-                f"nominal springs {nominal.tolist()} cannot be updated as ratios; three finite "
-                "numbers other than 0 are needed"
+                f"springs {', '.join(f'{each:g}' for each in nominal)} (k11, k22, k12) of the "
+                "description: their posterior is of ratios to these, so three finite numbers "
+                "other than 0 are needed; of a tower that only rocks, k11 = 1e12 and k12 = 1e8"
             )
         self.nominal = nominal
         self.settings = settings or PriorSettings()

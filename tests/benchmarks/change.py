@@ -1,7 +1,7 @@
 """Changes found and false alarms, on modal estimates drawn with the errors a recording has.
 
     python -m tests.benchmarks change [--rows shift drop tide quiet] [--windows 22617]
-        [--trials 200] [--first-seed 1]
+        [--trials 200] [--first-seed 1] [--keep]
 
 Frequencies, their standard deviations and how often each mode is found come from the shipped
 recording of the parked turbine; nothing is simulated or sampled. The threshold is the average time
@@ -18,28 +18,16 @@ between false alarms, nothing else is set:
 
 The interval is that of the linear Gaussian model, the one that the updater samples: the windows
 since the last change combined, the systematic floor once, and the last window's deviation.
-
-200 trials from seed 2001 on, 35 modes of the recording with standard deviations of .07 to .71 %:
-
-    shift   197 found, none falsely; after 25 windows in the median, 51 for 95 %. What they are is
-            seldom clear by then: 64 undecided, 76 called a drift, 57 the foundation's
-    drop    200 found, all called the foundation's, in the first window after it; 2 false alarms
-            before, 2 after; k11, k22, k12 by .0, -9.9, -.1 % in the median, held by the event's
-            90 % interval in .91, .90, .91; the stiffness 4 to 12 h after held in 1.00
-    tide    200 found, all called the foundation's, in the first window after it; 1 false alarm; by
-            .0, -9.9, -.1 %, held in .91, .91, .92; the stiffness 4 to 12 h after held in .995
-    quiet   no alarm in 22 617 windows; R came to .05 of the threshold at most
-
-Without a wind, seed 1001 on, all 200 shifts were found, after 21 windows in the median.
 """
 
 import argparse
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -70,6 +58,7 @@ from sensors.acquisition.layout import biaxial_layout
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import load_turbine
+from tests.benchmarks._results import keep
 
 WINDOW = 600.0  # [s]
 TIDE = 12.42 * 3600.0  # [s]
@@ -239,7 +228,30 @@ def looked(
     return state, detector.verdict(state, known, window_duration=WINDOW)
 
 
-def quiet(modes: Watched, n_windows: int, seed: int) -> str:
+@dataclass(frozen=True, slots=True)
+class Quiet:
+    """What months without a change gave."""
+
+    windows: int
+    alarms: int
+    largest: float
+    """R over the threshold A, the largest [-]."""
+    milliseconds: float
+    """CPU time of a window [ms]."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.alarms} alarms in {self.windows} windows, largest R / A {self.largest:.3f}, "
+            f"{self.milliseconds:.2f} ms CPU a window"
+        )
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """For the result file."""
+        return asdict(self)
+
+
+def quiet(modes: Watched, n_windows: int, seed: int) -> Quiet:
     """Alarms in years without a change, the largest R / A, and CPU time a window."""
     detector, generator = ChangeDetector(), np.random.default_rng(seed)
     case, state = still(modes, n_windows, generator), ChangeState()
@@ -253,10 +265,7 @@ def quiet(modes: Watched, n_windows: int, seed: int) -> str:
         if verdict.alarm:
             alarms += 1
             state = ChangeState()
-    return (
-        f"{alarms} alarms in {n_windows} windows, largest R / A {np.exp(highest):.3f}, "
-        f"{1e3 * seconds / n_windows:.2f} ms CPU a window"
-    )
+    return Quiet(n_windows, alarms, float(np.exp(highest)), 1e3 * seconds / n_windows)
 
 
 @dataclass(slots=True, eq=False)
@@ -290,6 +299,24 @@ class Outcome:
             each = " ".join(f"{share:.3f}" for share in shares)
             text += f"; stiffness held 4 to 12 h after {each}, pooled {shares.mean():.3f}"
         return text
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """For the result file."""
+        found: dict[str, Any] = {
+            "trials": self.trials,
+            "found": len(self.delays),
+            "false": self.false + self.later,
+            "median_delay": float(np.median(self.delays)) if self.delays else None,
+            "kinds": dict(self.kinds),
+        }
+        if self.sized:
+            changes = 100 * np.median([each.ratios for each in self.sizes], axis=0)
+            found["size_percent"] = changes.round(2).tolist()
+            found["size_held"] = np.mean(self.sized, axis=0).round(3).tolist()
+        if self.covered:
+            found["held_after"] = np.mean(self.covered, axis=0).round(3).tolist()
+        return found
 
 
 def changes_found(
@@ -384,6 +411,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--windows", type=int, default=22_617)
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--keep", action="store_true", help="write the result")
     chosen = parser.parse_args(arguments)
     trials = range(chosen.first_seed, chosen.first_seed + chosen.trials)
     modes = watched_in_recording()
@@ -396,11 +424,22 @@ def main(arguments: list[str]) -> None:
     drop = partial(softened, modes, high_water=1.0, ride=0.0)
     riding = partial(softened, modes, high_water=HIGH_WATER, ride=RIDE)
     shift = partial(shifted, modes)
-    rows: dict[str, Callable[[], object]] = {
+    rows: dict[str, Callable[[], Outcome | Quiet]] = {
         "shift": lambda: changes_found(modes, shift, ChangeSettings(), trials),
         "drop": lambda: changes_found(modes, drop, often, trials),
         "tide": lambda: changes_found(modes, riding, often, trials),
         "quiet": lambda: quiet(modes, chosen.windows, chosen.first_seed),
     }
+    found = {}
     for row in chosen.rows:
-        print(f"{row:6}", rows[row](), flush=True)
+        found[row] = rows[row]()
+        print(f"{row:6}", found[row], flush=True)
+    if chosen.keep:
+        keep(
+            "change",
+            {row: each.figures for row, each in found.items()},
+            command="python -m tests.benchmarks change "
+            f"--trials {chosen.trials} --first-seed {chosen.first_seed}",
+            seeds=trials,
+            depends=("pipeline/updating/change", "tests/benchmarks/change.py"),
+        )

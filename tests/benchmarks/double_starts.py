@@ -26,7 +26,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.nodes import window_identification
 from pipeline.offline.audit import audit
 from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import whole_recording
@@ -37,7 +36,7 @@ from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.benchmarks._results import keep
-from tests.pipeline.histories import DigestIdentifier
+from tests.pipeline.histories import identify_by_digests
 
 RECORDING = Path(__file__).parents[2] / "recordings" / "parked.mcap"
 SCENARIO = """
@@ -151,7 +150,7 @@ def _run(source: Path, out: Path, log: int) -> int:
         if place.is_relative_to(out) and place not in (out, out / LOCK):
             os.write(log, f"{time.monotonic()}\n".encode())
 
-    window_identification.StreamingIdentifier = DigestIdentifier  # type: ignore[assignment, misc]
+    identify_by_digests(setattr)
     sys.addaudithook(note)
     try:
         run_session(replayed(source), SessionOptions(out=out, way="lock-step", rrd=False))

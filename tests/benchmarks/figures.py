@@ -2,10 +2,9 @@
 
 python -m tests.benchmarks figures [--check]
 
-`figures.toml` has a row for each figure: its words, and either a result and a pattern that its
-figures fill in, or what was measured before results were kept (marked †). A row whose code is
-newer than its result is marked *. `--check` writes nothing and exits with 1 where a table is not
-what the results give, or a row is old.
+`figures.toml` has a row for each figure: its words, a result and a pattern that its figures fill
+in. A row whose code is newer than its result is marked *. `--check` writes nothing and exits with 1
+where a table is not what the results give, or a row is old.
 """
 
 import argparse
@@ -24,8 +23,8 @@ BEGIN, END = (
 )
 README, PAGE = ROOT / "README.md", ROOT / "docs" / "pages" / "accuracy.md"
 LEGEND = (
-    "† measured before results were kept with seeds, commit and machine; * the code is newer than "
-    "the measurement. Results: `tests/benchmarks/results`."
+    "* the code is newer than the measurement. Results, with seeds, commit and machine: "
+    "`tests/benchmarks/results`."
 )
 
 
@@ -35,28 +34,32 @@ class Row:
 
     what: str
     figure: str
-    """As it was measured; with {names} of the result's figures where there is one."""
+    """With {names} of the result's figures."""
     command: str
     """That measures again, behind `python -m tests.benchmarks`, or a command of its own."""
-    result: str = ""
-    """Name of the result's file; "" for none."""
+    result: str
+    """Name of the result's file."""
     readme: bool = False
     """Whether it stands in the README too."""
 
     @property
     def text(self) -> str:
         """The figure as a table shows it, with its mark."""
-        result = kept(self.result) if self.result else None
-        if result is None:
-            return f"{self.figure} †"
-        filled = self.figure.format(**result["figures"])
-        return f"{filled} *" if is_old(result) else filled
+        figures = self._certificate["figures"]
+        filled = self.figure.format(figures=figures, **figures)
+        return f"{filled} *" if self.is_old else filled
 
     @property
     def is_old(self) -> bool:
         """Whether its code is newer."""
-        result = kept(self.result) if self.result else None
-        return result is not None and is_old(result)
+        return is_old(self._certificate)
+
+    @property
+    def _certificate(self) -> dict[str, Any]:
+        result = kept(self.result)
+        if result is None:
+            raise FileNotFoundError(f"{self.what}: there is no result {self.result!r}")
+        return result
 
 
 def rows() -> tuple[Row, ...]:

@@ -1,11 +1,11 @@
 """Identification: speed against public implementations, and what it finds blind.
 
-    python -m tests.benchmarks identification [speed] [blind SEEDS [FIRST_SEED] [keep]]
+    python -m tests.benchmarks identification [speed] [blind SEEDS [FIRST_SEED]] [keep]
 
 `speed` measures CPU time on one thread, 8 channels, 600 s; peers (pyOMA-2, koma-python) are
 measured in the same run where they are installed. `blind` simulates the parked turbine at its
 nominal foundation, an hour a seed, and identifies its six windows with the default settings;
-`keep` writes the result.
+`keep` writes the results.
 """
 
 import importlib.util
@@ -15,6 +15,7 @@ import tracemalloc
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -67,7 +68,15 @@ EDGE = 0.43  # of the sampling rate, from which an anti-alias filter lies [-]
 def main(arguments: list[str]) -> None:
     """Print the tables asked for; both by default, `blind` with 4 seeds."""
     if not arguments or "speed" in arguments:
-        speed()
+        ratios = speed()
+        if "keep" in arguments:
+            keep(
+                "identification-speed",
+                ratios,
+                command="python -m tests.benchmarks identification speed keep",
+                seeds=(FIRST_SEED,),
+                depends=("pipeline/oma",),
+            )
     if not arguments or "blind" in arguments:
         after = arguments[arguments.index("blind") + 1 :] if arguments else []
         numbers = [int(word) for word in after if word.isdigit()]
@@ -117,14 +126,17 @@ def in_turns(functions: dict[str, Callable[[], object]], rounds: int) -> dict[st
     return {name: float(np.median(each[1:])) for name, each in times.items()}
 
 
-def print_against_peers(title: str, times: dict[str, float]) -> None:
+def ratios_to_peers(title: str, times: dict[str, float]) -> dict[str, float]:
+    """Print the times; what each peer took over ours [-]."""
     ours, *others = times.items()
     print(f"  {title}: pilewatch {ours[1]:.3f}")
     for name, theirs in others:
         print(f"    {name} {theirs:.3f}: {theirs / ours[1]:.1f} times as long")
+    return {name: round(theirs / ours[1], 1) for name, theirs in others}
 
 
-def speed() -> None:
+def speed() -> dict[str, Any]:
+    """CPU time over that of the peers that are installed."""
     record = parked_record(FIRST_SEED, 600.0)
     thirty = record[: 600 * 30] - record[: 600 * 30].mean(axis=0)  # taken as sampled at 30 Hz
     thirty /= thirty.std(axis=0)
@@ -133,7 +145,8 @@ def speed() -> None:
         "ours": lambda: every_order(thirty, rows=100, orders=range(2, 62, 2))
     }
     plain |= peers(thirty, rows=100, highest=60)
-    print_against_peers(
+    figures: dict[str, Any] = {}
+    figures["without uncertainty"] = ratios_to_peers(
         "without uncertainty, 100 block rows, orders 2..60 step 2", in_turns(plain, 5)
     )
     uncertain: dict[str, Callable[[], object]] = {
@@ -143,19 +156,21 @@ def speed() -> None:
         uncertain["pyOMA-2"] = lambda: run_pyoma(
             thirty, rows=30, highest=30, step=1, uncertain=True
         )
-    print_against_peers(
+    figures["with uncertainty"] = ratios_to_peers(
         "with uncertainty of every pole, 30 block rows, orders 2..30", in_turns(uncertain, 5)
     )
     memory = peak_memory(lambda: every_uncertainty(thirty, rows=60, orders=range(2, 31)))
     print(f"  peak memory with uncertainty, 60 block rows: {memory:.0f} MB")
     if importlib.util.find_spec("pyoma2"):
         theirs = peak_memory(lambda: run_pyoma(thirty, rows=60, highest=30, step=1, uncertain=True))
+        figures["memory"] = {"pyOMA-2": round(theirs / memory)}
         print(f"    pyOMA-2 {theirs:.0f} MB: {theirs / memory:.0f} times as much")
     scratch, sliding = sliding_update(record)
     print(f"  window from scratch, 100 block rows, 30 orders, with uncertainty: {scratch:.3f}")
     print(f"  slid by a tenth: {sliding:.3f}, {scratch / sliding:.1f} times faster")
     whole = cpu(lambda: identify(record, 40.0), 3)
     print(f"  all bands, 10 min at 40 Hz, samples to modes: {whole:.3f}")
+    return figures | {"ten_minutes_cpu_s": round(whole, 2)}
 
 
 def every_order(samples: FloatArray, *, rows: int, orders: Sequence[int]) -> None:

@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 
 from pipeline.messages import Message, ModalEstimate, UnitOrigin
-from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.updating import TurbineUpdating
 from pipeline.oma.settings import OmaSettings
@@ -38,7 +37,7 @@ from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import biaxial_layout
 from tests.benchmarks._results import is_old, keep, kept
-from tests.pipeline.histories import DigestIdentifier
+from tests.pipeline.histories import identify_by_digests
 from tests.pipeline.state.test_posterior_json import POSTERIOR
 from tests.pipeline.updating.small_tower import LAYOUT, SmallTower, drawn_estimate
 from tests.pipeline.updating.test_updater import QUICK, TRUTH
@@ -157,7 +156,7 @@ def answers_of(turbine: str, window: int, rng: np.random.Generator) -> Iterator[
 
 def identification(_: Path) -> Take:
     """Windows, tracks, books of admission."""
-    window_identification.StreamingIdentifier = DigestIdentifier  # type: ignore[assignment, misc]
+    identify_by_digests(setattr)
     node = IdentificationNode(OmaSettings(window_duration=WINDOW, hop=WINDOW))
     return lambda message: [*node.handle(message)]
 

@@ -1,6 +1,6 @@
 """How fast and how exact the reduced modal model is, against the whole one.
 
-python -m tests.benchmarks modal [--draws N] [--sign published|embedded-pile]
+python -m tests.benchmarks modal [--draws N] [--sign published|embedded-pile] [--keep]
 """
 
 import argparse
@@ -15,6 +15,7 @@ from sensors.dynamics.modal_model import ModalModel, ModalParameters, full_modes
 from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription, load_turbine
 from sensors.structure.foundation import SPRING_SIGNS
+from tests.benchmarks._results import keep
 
 PRIOR_BOX = (0.25, 4.0)  # of the nominal stiffness, [foundation-updating] §4.2
 ELEVATIONS = (41.0, 80.0, 106.0, 145.0)  # [m]
@@ -25,6 +26,7 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks modal")
     parser.add_argument("--draws", type=int, default=300, help="admissible draws of the prior box")
     parser.add_argument("--sign", choices=SPRING_SIGNS, default="published")
+    parser.add_argument("--keep", action="store_true", help="write the result")
     options = parser.parse_args(arguments)
     description = load_turbine("iea15mw_monopile").with_sign(options.sign)
     layout = biaxial_layout("tower", turbine="iea15mw", unit="tower", elevations=ELEVATIONS)
@@ -33,13 +35,29 @@ def main(arguments: list[str]) -> None:
     theta = admissible_draws(every, options.draws, seed=1)
     dense = _dense_microseconds(description, theta[:8])
     print(f"dense eigen-solution of the whole model   {dense:8.0f} µs per θ")
+    costs = {}
     for name, model in (("the reference modes", eleven), ("every visible mode", every)):
-        cost = _microseconds(lambda model=model: model.modal(theta), len(theta))
+        cost = costs[name] = _microseconds(lambda model=model: model.modal(theta), len(theta))
         print(f"{name:22} {len(model.labels):3d} modes      {cost:8.0f} µs per θ", end="")
         print(f"   1/{dense / cost:.0f} of the dense one")
     frequency_error, shape_error = errors_against_whole(description, every, theta)
     print(f"largest errors over {len(theta)} admissible draws of {PRIOR_BOX} × nominal:")
     print(f"  frequency {frequency_error:.1e}   1 − MAC {shape_error:.1e}")
+    if options.keep:
+        keep(
+            "modal",
+            {
+                "draws": len(theta),
+                "modes": len(every.labels),
+                "whole_over_eleven": round(dense / costs["the reference modes"]),
+                "whole_over_visible": round(dense / costs["every visible mode"]),
+                "frequency_error": frequency_error,
+                "shape_error": shape_error,
+            },
+            command=f"python -m tests.benchmarks modal --draws {options.draws}",
+            seeds=(1,),
+            depends=("sensors/dynamics", "sensors/structure"),
+        )
 
 
 def admissible_draws(model: ModalModel, count: int, *, seed: int) -> np.ndarray:

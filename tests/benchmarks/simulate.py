@@ -1,6 +1,6 @@
 """What simulating costs, beside SciPy's integrator on the same modal model.
 
-python -m tests.benchmarks simulate [--hours 24] [--scenario parked paper]
+python -m tests.benchmarks simulate [--hours 24] [--scenario parked paper] [--keep]
 
 Eight channels at 40 Hz. The processor's time is that of all threads: each load is drawn in one of
 its own while another integrates. SciPy's `lsim` gets the forces for nothing and integrates a short
@@ -23,6 +23,7 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.damped_modes import DampedSystem
 from sensors.simulation.tower import SimulatedTower
 from sensors.structure.description import load_turbine
+from tests.benchmarks._results import keep
 
 T = TypeVar("T")
 
@@ -55,7 +56,9 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks simulate")
     parser.add_argument("--hours", type=float, default=24.0, help="simulated time")
     parser.add_argument("--scenario", nargs="+", default=["parked", "paper"])
+    parser.add_argument("--keep", action="store_true", help="write the result")
     options = parser.parse_args(arguments)
+    figures = {}
     for name in options.scenario:
         tower = eight_channels(load_scenario(name), duration=3600.0 * options.hours)
         cost, integration = simulation_cost(tower), integration_cost(tower)
@@ -70,6 +73,18 @@ def main(arguments: list[str]) -> None:
             f"    {integration.scipy / integration.own:.0f} x the integration, "
             f"{integration.scipy / cost.cpu:.0f} x the whole simulation; largest difference "
             f"{integration.difference:.0e} of the largest reading"
+        )
+        figures[name] = {
+            "cpu_s_a_day": round(cost.cpu, 1),
+            "memory_gb": round(cost.memory / 1024, 2),
+            "lsim_over_whole": round(integration.scipy / cost.cpu, 1),
+        }
+    if options.keep:
+        keep(
+            "simulate",
+            {"hours": options.hours} | figures,
+            command=f"python -m tests.benchmarks simulate --hours {options.hours:g}",
+            depends=("sensors/simulation", "sensors/dynamics"),
         )
 
 

@@ -1,6 +1,6 @@
 """What the pictures of a session cost: bytes a day, and their share of a replay's time.
 
-    python -m tests.benchmarks viewer [--recording FILE] [--to SECONDS] [--hours N]
+    python -m tests.benchmarks viewer [--recording FILE] [--to SECONDS] [--hours N] [--keep]
 
 The recording (recordings/parked.mcap: an hour of eight channels at 40 Hz) is replayed in lock-step
 through the whole graph, recorder and a viewer that writes a .rrd among it, so that what the viewer
@@ -11,11 +11,6 @@ compress and write.
 For the size the same messages, results and all, are drawn again and again, shifted by the
 recording's length each time, with a status of every node once a second as in real time. The last
 repetition is what a session costs once it runs; the first has also the layout and the styles.
-
-Measured on two busy cores, twice: 4.1 and 4.4 % of the wall time, 4.7 and 4.8 % of the CPU time
-(0.8 of 17 s); 5.3 MB an hour after the first, 130 MB a day of one turbine. No part of it stands
-out: the first layout and styles 0.15 s, the signals 0.15 s, six windows, each with 145 calls of
-Rerun, 0.3 s, Rerun's own threads 0.1 s.
 """
 
 import argparse
@@ -34,6 +29,7 @@ from pipeline.sources.sources import Source, replayed
 from pipeline.viewer.outputs.outputs import RrdFile
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from tests.benchmarks._results import keep
 
 RECORDING = Path("recordings/parked.mcap")
 NODES = ("source", "identification", "updating", "recorder", "viewer", "summary", "status")
@@ -92,6 +88,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--recording", type=Path, default=RECORDING)
     parser.add_argument("--to", type=float, default=float("inf"), help="replay up to here [s]")
     parser.add_argument("--hours", type=int, default=3, help="repetitions of the recording")
+    parser.add_argument("--keep", action="store_true", help="write the result")
     options = parser.parse_args(arguments)
     source = replayed(options.recording)
     with tempfile.TemporaryDirectory() as folder:
@@ -101,7 +98,18 @@ def main(arguments: list[str]) -> None:
             for count in range(1, options.hours + 1)
         ]
     _print_cost(cost)
-    _print_sizes(sizes, span_of(taken))
+    day = _print_sizes(sizes, span_of(taken))
+    if options.keep:
+        keep(
+            "viewer",
+            {
+                "mb_a_day": round(day / 1e6),
+                "wall_percent": round(100 * cost.wall / cost.wall_of_all, 1),
+                "cpu_percent": round(100 * cost.cpu / cost.cpu_of_all, 1),
+            },
+            command="python -m tests.benchmarks viewer",
+            depends=("pipeline/viewer",),
+        )
 
 
 def replay(
@@ -181,10 +189,12 @@ def _print_cost(cost: Cost) -> None:
         print(f"{name:16s} {own:9.2f} {of_all:15.2f} {own / of_all:8.1%}   <= {MOST_SHARE:.0%}")
 
 
-def _print_sizes(sizes: list[int], span: float) -> None:
+def _print_sizes(sizes: list[int], span: float) -> float:
+    """Bytes of a day."""
     print("\nmeasured [s]    file [MB]    more than before [MB]")
     for count, (size, before) in enumerate(zip(sizes, [0, *sizes], strict=False), start=1):
         print(f"{count * span:12.0f} {size / 1e6:12.2f} {(size - before) / 1e6:17.2f}")
     steady = sizes[-1] - sizes[-2] if len(sizes) > 1 else sizes[0]
     day = sizes[0] + (DAY / span - 1) * steady
     print(f"a day of one turbine: {day / 1e6:.0f} MB   <= {MOST_A_DAY / 1e6:.0f} MB")
+    return day

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from pipeline.oma.fourier_lines import lines_of_channels
+from pipeline.oma.preprocessing import lines_of_channels
 from sensors.arrays import ComplexArray, FloatArray
 
 WANDERING = 0.03  # of a harmonic's frequency to either side that its speed wanders by [-]

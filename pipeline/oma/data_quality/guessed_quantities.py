@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.oma.data_quality.input_checks import without_spikes
-from pipeline.oma.windows.missing_samples import MOST_MISSING, filled
+from pipeline.oma.preprocessing import MOST_MISSING, filled
 from sensors.arrays import FloatArray
 from sensors.files.table import Quantity
 

@@ -15,9 +15,7 @@ from scipy import ndimage
 
 from pipeline.messages import QualityWarning
 from pipeline.oma.data_quality.transients import RingDown, loudest_octave, ring_down
-from pipeline.oma.fourier_lines import lines_of_channels
-from pipeline.oma.ssi.preprocessing import without_drift
-from pipeline.oma.windows.missing_samples import MOST_MISSING, filled
+from pipeline.oma.preprocessing import MOST_MISSING, filled, lines_of_channels, without_drift
 from sensors.acquisition.blocks import RATE_TOLERANCE
 from sensors.arrays import FloatArray
 

@@ -28,7 +28,7 @@ from typing import Literal
 import numpy as np
 from scipy import fft, special
 
-from pipeline.oma.fourier_lines import lines_of_channels
+from pipeline.oma.preprocessing import lines_of_channels
 from sensors.arrays import ComplexArray, FloatArray
 
 FALSE_ALARM = 2e-4  # of one octave of one stationary window

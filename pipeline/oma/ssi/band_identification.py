@@ -7,12 +7,11 @@ import numpy as np
 
 from pipeline.messages import Mode
 from pipeline.modal_assurance import normalised_with_deviations
+from pipeline.oma.preprocessing import above
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twins_in
 from pipeline.oma.ssi.covariance import ALL, LagCovariances, References, lag_covariances
-from pipeline.oma.ssi.measured_quantities import to_acceleration
-from pipeline.oma.ssi.preprocessing import above
 from pipeline.oma.ssi.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
 from pipeline.oma.ssi.stabilization import (
     PoleCloud,
@@ -20,6 +19,7 @@ from pipeline.oma.ssi.stabilization import (
     clusters,
     pole_cloud,
     recurring,
+    to_acceleration,
     with_phases,
 )
 from pipeline.oma.ssi.uncertainty import (

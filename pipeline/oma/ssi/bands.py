@@ -19,8 +19,8 @@ sharpest estimate.
 from dataclasses import dataclass, replace
 from math import sqrt
 
+from pipeline.oma.preprocessing import HIGH_PASS_BAND, high_pass_taps
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
-from pipeline.oma.ssi.preprocessing import HIGH_PASS_BAND, high_pass_taps
 
 HIGHEST_RELATIVE = 0.45  # of a band's rate: above it the anti-alias filter or the sensor rolls off
 

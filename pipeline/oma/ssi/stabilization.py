@@ -2,24 +2,31 @@
 
 Poles are not picked by hand, and nothing is known of the structure: a pole is a mode when it comes
 back with the same frequency and shape in most model orders.
+
+Channels of one motion may measure different quantities. A mode of continuous-time pole μ moves as
+exp(μt): its acceleration is μ times its velocity and μ² times its displacement. A state-space model
+holds for any mixture of outputs, so nothing is differentiated; only the identified shapes are
+brought to accelerations, by their own poles.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, RefusedMode, StabilisationDiagram
 from pipeline.modal_assurance import modal_assurance_criterion, modal_phase_collinearity
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.bands import Band
-from pipeline.oma.ssi.measured_quantities import to_acceleration
 from pipeline.oma.ssi.ssi_cov import SystemModes
 from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from sensors.files.table import Quantity
 
 LEAST_TOLERANCE = 0.002  # two poles this close in frequency (relative) may be one mode, whatever
 LARGEST_TOLERANCE = 0.02  # their std says; further apart than this they never are
 LEAST_MAC = 0.9  # between poles of one mode in different orders
+INTEGRATIONS: dict[Quantity, int] = {"acceleration": 0, "velocity": 1, "displacement": 2}
 REPRESENTATIVE = 4  # a mode is represented by the pole at this part of its poles, by std
 
 
@@ -99,6 +106,30 @@ def pole_cloud(
         frequency_deviations=np.empty((len(frequencies), 0)),
         damping_deviations=np.empty((len(frequencies), 0)),
     )
+
+
+def integrations_of(quantities: Sequence[Quantity] | None, n_channels: int) -> IntArray:
+    """How many times each channel's acceleration is integrated, (n_channels,).
+
+    Zero throughout where nothing is known or all measure the same: their shapes agree up to a
+    factor, which a shape does not have.
+    """
+    if quantities is None or len(set(quantities)) < 2:
+        return np.zeros(n_channels, dtype=np.int64)
+    return np.array([INTEGRATIONS[quantity] for quantity in quantities])
+
+
+def to_acceleration(
+    poles: NDArray[np.complexfloating], sampling_interval: float, integrations: IntArray
+) -> NDArray[np.complexfloating]:
+    """μ^d: factors from identified shapes to those of accelerations, (n_modes, n_channels).
+
+    poles               discrete-time ones λ, (n_modes,): μ = ln λ / Δt [rad/s]
+    sampling_interval   Δt [s]
+    integrations        d of each channel, (n_channels,)
+    """
+    continuous = np.log(poles) / sampling_interval
+    return np.asarray(continuous[:, None] ** integrations[None, :])
 
 
 def with_phases(system: SystemModes, band: Band, integrations: IntArray | None) -> SystemModes:

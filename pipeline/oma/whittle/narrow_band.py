@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import linalg
 
-from pipeline.oma.fourier_lines import lines_of_channels
+from pipeline.oma.preprocessing import lines_of_channels
 from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.oma.windows.missing_samples import MOST_MISSING
+from pipeline.oma.preprocessing import MOST_MISSING
 from pipeline.oma.windows.unit_clock import ClockFit, ClockStep, clock_step, fit_clock, stamp_of
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.arrays import FloatArray

@@ -27,6 +27,8 @@ from sensors.structure.decks.elastodyn import BLADE_ELEMENTS, FEATHERED_PITCH, m
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
+NOT_ONE_TOWER = ("floating_platform", "jacket", "mooring")  # components of other substructures
+
 
 def read_windio(
     path: Path, springs: FoundationSprings, *, mudline: float | None = None
@@ -55,8 +57,12 @@ def read_windio(
     turbine = _loaded(path)
     try:
         return _description(turbine, springs, mudline, path)
-    except (KeyError, IndexError, TypeError) as error:
-        raise TurbineError(f"{path}: no turbine of WindIO 2: {error!r} is missing") from error
+    except TurbineError:
+        raise
+    except KeyError as error:
+        raise TurbineError(f"{path}: no turbine of WindIO 2: {error} is missing") from error
+    except (IndexError, TypeError, ValueError) as error:
+        raise TurbineError(f"{path}: no turbine of WindIO 2: {error}") from error
 
 
 def _loaded(path: Path) -> Any:
@@ -76,13 +82,19 @@ def _description(
     turbine: Any, springs: FoundationSprings, mudline: float | None, path: Path
 ) -> TurbineDescription:
     components, materials = turbine["components"], turbine["materials"]
+    if "outer_shape_bem" in components["tower"]:
+        raise TurbineError(f"{path} is of WindIO 1; windIO's converter makes version 2 of it")
+    if other := [name for name in NOT_ONE_TOWER if name in components]:
+        raise TurbineError(f"{path} has a {other[0]}; a description is one tower on its springs")
     tubes = _tubes(components["tower"], materials)
     masses: tuple[PointMass, ...] = ()
     base = tubes[0].bottom
     pile: tuple[Tube, ...] = ()
     if "monopile" in components:
         if mudline is None:
-            raise TurbineError(f"{path} has a monopile: at which elevation is the mudline?")
+            raise TurbineError(
+                f"{path} has a monopile: where it is cut is missing, --mudline METRES"
+            )
         pile = _above(_tubes(components["monopile"], materials), mudline)
         mass = float(components["monopile"].get("transition_piece_mass", 0.0))
         masses = (PointMass("transition piece", base, mass),) if mass > 0 else ()

@@ -5,11 +5,14 @@ import re
 import shutil
 import socket
 import subprocess
+import tomllib
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
+import typer
 
+from pipeline.cli import app
 from pipeline.deploy.watchdog import Watchdog, WatchdogNode
 from tests.pipeline.example_messages import block
 
@@ -93,3 +96,32 @@ def test_the_compose_file_brings_up_a_session_with_prometheus_and_grafana() -> N
 def test_promtool_accepts_the_alert_rules() -> None:
     rules = str(EXAMPLES / "pilewatch-alerts.yaml")
     assert subprocess.run(["promtool", "check", "rules", rules]).returncode == 0
+
+
+def instructions(containerfile: str) -> list[tuple[str, str]]:
+    """Instruction and its argument, continued lines joined."""
+    lines = [line for line in containerfile.splitlines() if line and not line.startswith("#")]
+    joined = re.sub(r"\\\n\s*", " ", "\n".join(lines))
+    pairs = [line.strip().partition(" ") for line in joined.splitlines()]
+    return [(name, argument.strip()) for name, _, argument in pairs]
+
+
+@pytest.mark.parametrize("image", ["Containerfile.shore", "Containerfile.edge"])
+def test_an_image_has_the_extras_commands_and_stages_that_it_names(image: str) -> None:
+    found = instructions((EXAMPLES / image).read_text())
+    assert {name for name, _ in found} <= {
+        *("FROM", "COPY", "RUN", "ENV", "USER", "WORKDIR", "VOLUME", "STOPSIGNAL"),
+        *("HEALTHCHECK", "ENTRYPOINT", "CMD"),
+    }
+    stages = [text.split()[2] for name, text in found if name == "FROM" and " AS " in text]
+    copied = [text for name, text in found if name == "COPY" and "--from=" in text]
+    assert [re.findall(r"--from=(\w+)", text) for text in copied] == [stages]
+    assert [text for name, text in found if name == "USER"][-1] == "pilewatch"
+    project = tomllib.loads((EXAMPLES.parents[2] / "pyproject.toml").read_text())["project"]
+    extras = re.findall(r"/src\[([\w,]+)\]", " ".join(text for _, text in found))
+    assert extras
+    assert set(extras[0].split(",")) <= set(project["optional-dependencies"])
+    start = {name: json.loads(text) for name, text in found if name in ("ENTRYPOINT", "CMD")}
+    program, command, *_ = [*start["ENTRYPOINT"], *start.get("CMD", [])]
+    assert program in project["scripts"]
+    assert command in typer.main.get_command(app).commands  # type: ignore[attr-defined]

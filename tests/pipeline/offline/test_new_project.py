@@ -153,3 +153,12 @@ def test_a_channel_with_a_value_in_every_second_row_is_left_out_and_named(tmp_pa
     project = start_project([path], tmp_path / "made")
     assert [each.name for each in project.channels] == ["A97x", "A97y"]
     assert "A50x (a value in every 2 rows: 10 Hz)" in map(str, project.left_out)
+
+
+def test_springs_without_a_ratio_are_refused_at_once(measurement: Path, tmp_path: Path) -> None:
+    own = tmp_path / "onshore.toml"
+    text = shipped_text("iea15mw_monopile").replace("k12 = 0.678e11", "k12 = 0.0")
+    own.write_text(text)
+    with pytest.raises(InputError, match="of a tower that only rocks, k11 = 1e12 and k12 = 1e8"):
+        start_project([measurement], tmp_path / "mast", structure=str(own))
+    assert not (tmp_path / "mast").exists()

@@ -8,8 +8,8 @@ import pytest
 
 from pipeline.messages import Mode
 from pipeline.oma.identification import identify
+from pipeline.oma.preprocessing import decimated
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.preprocessing import decimated
 from pipeline.oma.streaming import StreamingDecimator, StreamingIdentifier, largest_piece
 from tests.pipeline.oma.conftest import KnownStructure
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate
-from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
@@ -18,7 +17,7 @@ from pipeline.sources.sources import replayed, simulated
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, block, same
-from tests.pipeline.histories import DigestIdentifier
+from tests.pipeline.histories import identify_by_digests
 
 SECOND = 10**9  # [ns]
 
@@ -91,7 +90,7 @@ def test_a_replay_of_the_parts_gives_the_windows_of_the_whole_bit_for_bit(
     tmp_path, short_recording, monkeypatch
 ):
     """What is identified of them is a digest of their samples."""
-    monkeypatch.setattr(window_identification, "StreamingIdentifier", DigestIdentifier)
+    identify_by_digests(monkeypatch.setattr)
     parts(tmp_path, short_recording, 5)
     one, many = (first_estimate(replayed(path)) for path in (short_recording, tmp_path))
     assert same(one, many)

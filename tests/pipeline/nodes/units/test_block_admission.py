@@ -17,7 +17,6 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.limits import LimitError, LimitSettings
 from pipeline.nodes.units.block_admission import (
@@ -35,7 +34,7 @@ from pipeline.scenario import scenario_from_text
 from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block as message
-from tests.pipeline.histories import DigestIdentifier
+from tests.pipeline.histories import identify_by_digests
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut
 from tests.pipeline.oma.conftest import structure
 
@@ -315,7 +314,7 @@ def test_limits_are_keys_of_a_scenario() -> None:
 def digests() -> Iterator[None]:
     """Windows that cost nothing: what is asked is which samples they have."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(window_identification, "StreamingIdentifier", DigestIdentifier)
+        identify_by_digests(patch.setattr)
         yield
 
 

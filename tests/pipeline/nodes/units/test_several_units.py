@@ -12,7 +12,6 @@ import pytest
 
 from pipeline.messages import Message, ModalEstimate, StreamGap, WindowRejected
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.runtime.source_feed import with_end
@@ -25,7 +24,7 @@ from sensors.simulation.acquisition_units import (
     read_by_units,
     unit_layouts,
 )
-from tests.pipeline.histories import DigestIdentifier
+from tests.pipeline.histories import identify_by_digests
 from tests.pipeline.oma.conftest import KnownStructure, structure
 
 pytestmark = pytest.mark.usefixtures("identified_once")
@@ -227,7 +226,7 @@ def fates(said: list[Message]) -> list[tuple[object, str]]:
 @pytest.fixture
 def digests(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows that cost nothing: what is asked is which samples they have."""
-    monkeypatch.setattr(window_identification, "StreamingIdentifier", DigestIdentifier)
+    identify_by_digests(monkeypatch.setattr)
 
 
 @pytest.mark.usefixtures("digests")

@@ -13,8 +13,8 @@ from pipeline.oma.data_quality.input_checks import (
     is_harmonic,
     mended,
 )
-from pipeline.oma.fourier_lines import lines_of_channels
 from pipeline.oma.identification import check_window, hardly_damped, identify
+from pipeline.oma.preprocessing import lines_of_channels
 from tests.pipeline.oma.conftest import KnownStructure
 
 RATE = 20.0  # [Hz]

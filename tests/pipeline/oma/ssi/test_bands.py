@@ -5,15 +5,15 @@ import pytest
 from scipy import signal
 
 from pipeline.oma.identification import identify
-from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.bands import plan_bands
-from pipeline.oma.ssi.preprocessing import (
+from pipeline.oma.preprocessing import (
     HIGH_PASS_BAND,
     HIGH_STOP_BAND,
     decimated,
     high_pass_taps,
     n_decimated,
 )
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.bands import plan_bands
 from pipeline.scenario import scenario_from_text
 from tests.pipeline.oma.conftest import KnownStructure
 

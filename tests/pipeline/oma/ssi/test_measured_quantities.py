@@ -9,7 +9,7 @@ from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.offline.identify_file import identify_file
 from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
 from pipeline.oma.identification import identify
-from pipeline.oma.ssi.measured_quantities import integrations_of, to_acceleration
+from pipeline.oma.ssi.stabilization import integrations_of, to_acceleration
 from sensors.files.table import Quantity
 from tests.benchmarks.records import oscillator
 

@@ -90,7 +90,7 @@ def test_a_monopile_is_cut_at_the_mudline(tmp_path: Path) -> None:
     assert found.mudline == -25.0
     assert found.water is not None
     assert found.transition == 10.0
-    with pytest.raises(TurbineError, match="at which elevation is the mudline"):
+    with pytest.raises(TurbineError, match="--mudline METRES"):
         read_windio(path, SPRINGS)
     with pytest.raises(TurbineError, match="the monopile is from -60 to 10 m"):
         read_windio(path, SPRINGS, mudline=-80.0)
@@ -99,4 +99,17 @@ def test_a_monopile_is_cut_at_the_mudline(tmp_path: Path) -> None:
 @pytest.mark.parametrize("content", [{"a": 1}, [1, 2], "text", {"components": {}}])
 def test_another_file_is_refused(tmp_path: Path, content: Any) -> None:
     with pytest.raises(TurbineError, match="no turbine of WindIO 2"):
+        read_windio(written(tmp_path, content), SPRINGS)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (turbine(floating_platform={}), "has a floating_platform; a description is one tower"),
+        (turbine(tower={"outer_shape_bem": {}}), "is of WindIO 1"),
+        (turbine(hub={"diameter": 4.0}), "'elastic_properties' is missing"),
+    ],
+)
+def test_what_is_no_tower_of_version_2_is_named(tmp_path: Path, content: Any, reason: str) -> None:
+    with pytest.raises(TurbineError, match=reason):
         read_windio(written(tmp_path, content), SPRINGS)

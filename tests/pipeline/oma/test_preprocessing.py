@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.oma.data_quality.input_checks import check_samples
-from pipeline.oma.windows.missing_samples import filled
+from pipeline.oma.preprocessing import filled
 from tests.pipeline.oma.conftest import KnownStructure
 
 RATE = 20.0  # [Hz]

@@ -1,0 +1,40 @@
+"""The page of warnings has every code that the product gives, and no other."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipeline.nodes.units import block_admission
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "pages" / "reference" / "warnings.md"
+MAKERS = {"QualityWarning", "Refusal", "Finding", "rejected_estimate"}
+CODE = re.compile(r"[a-z]+(?:-[a-z]+)*")
+BY_TEXT = {"no-paired-mode", "mode-birth", "mode-death", "mode-drift"}  # made otherwise
+
+
+def codes_of(source: str) -> Iterator[str]:
+    """Codes that are written where a warning or a rejection is made."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in MAKERS:
+            arguments = (*node.args[:2], *(each.value for each in node.keywords))
+            texts = (each.value for each in arguments if isinstance(each, ast.Constant))
+            yield from (text for text in texts if isinstance(text, str) and CODE.fullmatch(text))
+
+
+def test_every_code_is_on_the_page_and_no_other() -> None:
+    sources = [
+        path.read_text("utf-8")
+        for folder in ("pipeline", "sensors")
+        for path in (ROOT / folder).rglob("*.py")
+        if "api" not in path.parts
+    ]
+    given = {code for source in sources for code in codes_of(source)} - {"reject", "warn", "mend"}
+    constants = {name: value for name, value in vars(block_admission).items() if name.isupper()}
+    given |= {each for each in constants.values() if isinstance(each, str)} | BY_TEXT
+    table = [line.split("|")[1] for line in PAGE.read_text("utf-8").splitlines() if "| `" in line]
+    listed = {code for cell in table for code in re.findall(r"`([a-z-]+)`", cell)}
+    assert len(given) > 60
+    assert listed - given == set()
+    assert given - listed == set()
