@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.app import Outputs, build
+from pipeline.oma.settings import OmaSettingsError
 from pipeline.scenario import (
     ScenarioError,
     load_scenario,
@@ -109,3 +111,9 @@ def test_keys_that_are_constants_now_are_ignored_in_a_recording_and_refused_in_a
 @pytest.mark.parametrize("name", ['a"b', "back\\slash", "line\nbreak", "ζ\U000e0001"])
 def test_a_turbine_of_any_name_makes_a_scenario(name: str) -> None:
     assert modes_only(name).turbine.id == name
+
+
+def test_a_reference_channel_that_no_sensor_is_ends_a_run_before_it_begins() -> None:
+    scenario = scenario_from_text('[oma]\nreference_channels = ["z999-fa"]', "own.toml")
+    with pytest.raises(OmaSettingsError, match="z999-fa"):
+        build(scenario, scenario.layout, Outputs())

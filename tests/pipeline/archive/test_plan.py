@@ -12,6 +12,7 @@ from pipeline.archive.plan import (
     PartsBySample,
     chains_of,
     parts_by_turbine,
+    sent_again,
     turbine_plan,
 )
 from pipeline.archive.survey import FileSurvey, Part, archive_files, without_copies
@@ -252,3 +253,12 @@ def test_a_plan_looks_at_other_parts_only_where_samples_are_missing(
     lacking = replace(whole[7], missing=((1800, 1810),), gaps=(gap,))
     tasks(*whole[:7], lacking, *whole[8:])
     assert {each.path.name for each in asked} == {"7"}
+
+
+def test_samples_that_a_part_lacks_are_taken_from_whatever_parts_have_them() -> None:
+    """Of 100 to 200, one has the first half and another the last quarter; nobody has the rest."""
+    lacking = replace(part("a", 0, 300), missing=((100, 200),))
+    half, quarter = part("b", 50, 100), part("c", 175, 100)
+    parts = PartsBySample([lacking, half, quarter])
+    found = [(each.path.name, *span) for each, *span in sent_again(lacking, 0, 300, parts)]
+    assert found == [("b", 100, 150), ("c", 175, 200)]

@@ -16,7 +16,7 @@ from pipeline.recording.latest_messages import latest_payloads
 from pipeline.recording.mcap_file import counted_in_summary
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.rotation import next_part, parts_of, raw_files, thin
-from pipeline.recording.session_recorder import SessionRecorder
+from pipeline.recording.session_recorder import SYNCED_EVERY, SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import AccelerationBlock
@@ -396,3 +396,7 @@ def test_a_live_units_clock_is_checked_on_arrival_and_a_replayed_ones_is_not(
     recorder.close()
     codes = [each.code for each in recorder.statistics.warnings]
     assert codes == (["clock-off"] if live else [])
+
+
+def test_a_power_cut_costs_a_second_at_most() -> None:
+    assert SYNCED_EVERY <= 1.0  # as docs/pages/operating.md and the acknowledgements have it

@@ -32,6 +32,8 @@ def test_frequencies_of_a_pair_are_known_to_half_a_line_at_best() -> None:
     axes = along_axes(fit, band, (0, 1), np.zeros((n_parameters, 1)))
     for mode in (axes.stronger, axes.weaker):
         assert mode.frequency_std * band.duration == pytest.approx(0.5, rel=0.1)
+        low, high = np.sort(modes.half_widths / np.hypot(modes.positions, modes.half_widths))
+        assert low <= mode.damping_ratio <= high
 
 
 def test_axes_that_mean_frequencies_tell_apart_are_turned_by_what_these_leave() -> None:
