@@ -140,12 +140,13 @@ class WindowSpectrum:
         (n_channels,)."""
         return np.asarray(self._scales * (2 * np.pi * frequency) ** self._integrations)
 
-    def running_sums(self) -> FloatArray:
-        """Re y_k y_kᴴ of all lines before each, (n_lines + 1, n_channels, n_channels)."""
-        of_lines = np.concatenate([self._lines.real, self._lines.imag], axis=1)
-        parts = of_lines.reshape(len(self._lines), 2, -1)
-        sums = np.zeros((len(parts) + 1, parts.shape[2], parts.shape[2]))
-        np.cumsum(parts.transpose(0, 2, 1) @ parts, axis=0, out=sums[1:])
+    def running_sums(self, stride: int, last: float) -> FloatArray:
+        """Re y_k y_kᴴ of all lines before each block of so many lines, as far as a place [lines],
+        (n_blocks + 1, n_channels, n_channels)."""
+        n_blocks = min(int(last // stride) + 1, len(self._lines) // stride)
+        blocks = self._lines[: n_blocks * stride].reshape(n_blocks, stride, -1)
+        sums = np.zeros((n_blocks + 1, blocks.shape[2], blocks.shape[2]))
+        np.cumsum((blocks.transpose(0, 2, 1) @ blocks.conj()).real, axis=0, out=sums[1:])
         return sums
 
     def _mean_matrix(self, frequency: float, nearest: float, farthest: float) -> FloatArray | None:
@@ -160,20 +161,25 @@ class WindowSpectrum:
 
 
 def peaks_and_flanks(
-    sums: FloatArray, centres: FloatArray, width: float
+    sums: FloatArray, stride: int, centres: FloatArray, width: float
 ) -> tuple[FloatArray, FloatArray]:
     """Mean of Re y_k y_kᴴ at some places and beside them, (n, n_channels, n_channels) each.
 
-    sums      of `WindowSpectrum.running_sums`
+    sums      of `WindowSpectrum.running_sums`;  stride: of theirs [lines]
     centres   [lines];  width: half bandwidth [lines]
     """
 
     def within(reach: float) -> tuple[FloatArray, FloatArray]:
-        low = np.clip(np.ceil(centres - reach), 1, len(sums) - 2).astype(int)
-        high = np.clip(np.floor(centres + reach) + 1, 1, len(sums) - 2).astype(int)
-        return sums[high] - sums[low], (high - low)[:, None, None]
+        low = np.clip(np.ceil((centres - reach) / stride), 1, len(sums) - 2).astype(int)
+        high = np.clip(np.floor((centres + reach) / stride) + 1, 1, len(sums) - 2).astype(int)
+        return sums[high] - sums[low], stride * (high - low)[:, None, None]
 
     at, n_at = within(1.5 * width)
     near, n_near = within(4 * width + 3)
-    far, n_far = within(8 * width + 10)
+    far, n_far = within(far_reach(width))
     return at / np.maximum(n_at, 1), (far - near) / np.maximum(n_far - n_near, 1)
+
+
+def far_reach(width: float) -> float:
+    """How far the flanks of a peak reach [lines]."""
+    return 8 * width + 10

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.oma.whittle.narrow_band import WindowSpectrum, peaks_and_flanks
+from pipeline.oma.whittle.narrow_band import WindowSpectrum, far_reach, peaks_and_flanks
 from sensors.arrays import FloatArray
 
 LOWEST_PEAK = 20.0  # f T from which lines lie beside a peak on both sides
@@ -27,6 +27,7 @@ MOST_LONE_PEAKS = 10
 CLEAR_LINES = 6.0  # lines between a peak and a mode that is known
 NARROWEST_UNSEEN = 3.0  # half bandwidth of a resonance that no pole shows [lines],
 UNSEEN_STEP = 2.0  # and from one width to the next
+BLOCKS_A_WIDTH = 8  # least blocks of lines summed to a half bandwidth
 LEAST_DAMPED, MOST_DAMPED = 0.002, 0.1  # ζ of such a resonance [-]
 STANDS_OUT_OF_CHANNEL = 1.3  # power over flank in one channel from which directions are looked at
 STANDS_OUT_UNSEEN = 1.8  # power over flank across the shapes of what is known there
@@ -131,9 +132,8 @@ def unseen_peaks(
     """
     found: list[UnseenPeak] = []
     width = NARROWEST_UNSEEN
-    sums = spectrum.running_sums()
     while width <= MOST_DAMPED * high * spectrum.duration:
-        found += _unseen_of_width(spectrum, sums, known, low, high, width)
+        found += _unseen_of_width(spectrum, known, low, high, width)
         width *= UNSEEN_STEP
     chosen: list[UnseenPeak] = []
     for peak in sorted(found, key=lambda each: -each.gain):
@@ -148,7 +148,6 @@ def unseen_peaks(
 
 def _unseen_of_width(
     spectrum: WindowSpectrum,
-    sums: FloatArray,
     known: Sequence[KnownPeak],
     low: float,
     high: float,
@@ -161,7 +160,9 @@ def _unseen_of_width(
     centres = np.arange(first, last, max(1.0, 0.7 * width))
     if not len(centres):
         return []
-    at, beside = peaks_and_flanks(sums, centres, width)
+    stride = max(1, int(width / BLOCKS_A_WIDTH))  # else all lines of fast channels are held at once
+    sums = spectrum.running_sums(stride, last + far_reach(width) + 2 * stride)
+    at, beside = peaks_and_flanks(sums, stride, centres, width)
     beside += 1e-9 * np.einsum("kii->k", beside)[:, None, None] * np.eye(len(beside[0]))
     ratio = np.einsum("kii->ki", at) / np.einsum("kii->ki", beside)
     worth = ratio.max(axis=1) > STANDS_OUT_OF_CHANNEL
