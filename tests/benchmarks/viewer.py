@@ -22,7 +22,7 @@ from pathlib import Path
 
 from pipeline.app import Outputs, build
 from pipeline.messages import Message, NodeStatus
-from pipeline.nodes.node import Node
+from pipeline.nodes.node import Node, NodeStatistics
 from pipeline.runtime.runner import run_lock_step
 from pipeline.sources.playback import Playback
 from pipeline.sources.sources import Source, replayed
@@ -54,6 +54,10 @@ class Timed:
     @property
     def inputs(self) -> tuple[type, ...]:
         return self.sink.inputs
+
+    @property
+    def statistics(self) -> NodeStatistics:
+        return self.sink.statistics
 
     def handle(self, message: Message) -> Iterable[Message]:
         self.taken.append(message)
