@@ -102,7 +102,7 @@ def test_a_turbine_that_costs_too_much_is_rejected_and_the_other_is_as_alone(
         clock.seconds = 0.0
         said += node.handle(block)
         expected += alone.handle(block)
-        clock.seconds = 1.0 if block.sequence < n_costly else 0.0
+        clock.seconds = 20.0 if block.sequence < n_costly else 0.0  # from checkpoint to checkpoint
         said += node.handle(replace(block, turbine="costly"))
     windows = [each for each in said if isinstance(each, ModalEstimate | WindowRejected)]
     costly = [each for each in windows if each.turbine == "costly"]
