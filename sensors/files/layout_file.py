@@ -40,6 +40,8 @@ from sensors.files.table import (
     TimeColumn,
     Wanted,
     in_standard_unit,
+    quantity_named,
+    quantity_of,
 )
 from sensors.settings import settings_from_table, toml_string
 
@@ -141,7 +143,24 @@ class LayoutFile:
             names=tuple(channel.name for channel in self.channels),
             units=units,
             samples=table.samples[:, columns] * np.array(factors),
-            stated_quantities=tuple(_quantity(channel) or stated[i] for channel, i in pairs),
+            stated_quantities=self._quantities([stated[i] for i in columns], units),
+        )
+
+    def _quantities(
+        self, stated: Sequence[Quantity | None], units: Sequence[str]
+    ) -> tuple[Quantity | None, ...]:
+        """What each channel measures: as the layout says, else the file; where the layout says it
+        of some channels, the others are accelerations unless unit or name says otherwise."""
+        known = [
+            _quantity(channel) or of_file
+            for channel, of_file in zip(self.channels, stated, strict=True)
+        ]
+        if not any(channel.quantity for channel in self.channels):
+            return tuple(known)
+        names = [channel.name for channel in self.channels]
+        return tuple(
+            own or quantity_of(unit) or quantity_named(name) or "acceleration"
+            for own, unit, name in zip(known, units, names, strict=True)
         )
 
     def sensor_layout(self, table: ChannelTable) -> SensorLayout:

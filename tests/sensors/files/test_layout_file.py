@@ -101,3 +101,21 @@ def test_a_sensitivity_turns_volts_into_what_the_sensor_measures(tmp_path: Path)
     table = load_layout(path).chosen(read_file(measured))
     assert table.units == ("m/s²",)
     np.testing.assert_allclose(table.samples[:, 0], 98.0665 * np.array([0.5, -1.0, 0.25]))
+
+
+@pytest.mark.parametrize(
+    ("statement", "quantities"),
+    [
+        ('quantity = "velocity"\n', ("velocity", "acceleration", "displacement")),
+        ("", None),  # phases may tell
+    ],
+)
+def test_what_a_layout_says_of_one_channel_makes_the_unstated_ones_accelerations(
+    tmp_path: Path, statement: str, quantities: tuple[str, ...] | None
+) -> None:
+    path = tmp_path / "layout.toml"
+    others = [CHANNEL.replace('"a"', f'"{name}"') for name in ("b", "disp-c")]
+    path.write_text("".join([CHANNEL, statement, *others]), encoding="utf-8")
+    measured = tmp_path / "mixed.csv"
+    measured.write_text("\n".join(["time [s],a,b,disp-c", *(f"{i / 50},1,2,3" for i in range(4))]))
+    assert load_layout(path).chosen(read_file(measured)).quantities == quantities
