@@ -6,7 +6,8 @@ Simulation-based calibration (Talts et al. 2018, arXiv:1804.06788) of springs, s
 sensors together: an alternative, all coordinates and σ are drawn from the prior, modes from the
 likelihood about them, and the posterior is made as in a session. Springs have a normal prior of
 `SPRING_STD` here, on both sides: the shipped one is so wide that most of its draws are no tower.
-Errors are normal, as the likelihood has them before it weighs gross ones less.
+Errors are normal, as the likelihood has them before it weighs gross ones less, and a mode has
+shares of its neighbours of nearly its shape, as `likelihood.mixtures` says.
 
 ranks      p of χ² that ranks are uniform, for each spring, figure, the level and σ
 valleys    peaks whose cost is above `VALLEY` times its degrees of freedom
@@ -25,6 +26,13 @@ from scipy.stats import chisquare
 
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.likelihood.mixtures import (
+    HIDDEN_MIXING,
+    LEAST_LIKENESS,
+    MIXED_REACH,
+    SEEN_MIXING,
+    WIDEST_SHARE,
+)
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.joint_fit import JointFit, JointPeak, continued
 from pipeline.updating.structural.prior import GaussianBelief, JointCoordinates
@@ -117,7 +125,7 @@ def _drawn(
     shown = np.flatnonzero(apart & (rng.uniform(size=len(apart)) < SEEN)).tolist()
     found = []
     for number in shown:
-        f, shape = modes.frequencies[number], modes.shapes[number]
+        f, shape = _mixed(modes, number, shown, rng)
         std_f = f * np.sqrt(DAMPING / (2 * np.pi * f * DURATION))
         spread_f = np.hypot(std_f, f * np.hypot(likelihood.frequency_floor, sigma))
         norm = float(np.linalg.norm(shape))
@@ -142,6 +150,27 @@ def _drawn(
     )
     evidence = ModalEvidence(channels=LAYOUT.channel_names).with_estimate(estimate)
     return evidence, [number for number, _ in found]
+
+
+def _mixed(
+    modes: Linearisation, number: int, shown: Sequence[int], rng: np.random.Generator
+) -> tuple[float, FloatArray]:
+    """Frequency and shape of a mode with random shares of its neighbours of nearly its shape."""
+    own, f = modes.shapes[number], modes.frequencies[number]
+    unit = int(np.argmax(np.abs(own)))
+    log_f, shape = np.log(f), own.copy()
+    for other in range(len(modes.frequencies)):
+        apart = np.log(modes.frequencies[other] / f)
+        neighbour = modes.shapes[other]
+        product = float(own @ neighbour)
+        likeness = product**2 / float((own @ own) * (neighbour @ neighbour))
+        if other == number or abs(apart) > MIXED_REACH or likeness < LEAST_LIKENESS:
+            continue
+        mixing = SEEN_MIXING if other in shown else HIDDEN_MIXING
+        share = min(mixing * (DAMPING / apart) ** 2, WIDEST_SHARE) * rng.standard_normal()
+        log_f += share * product / float(own @ own) * apart
+        shape += share * (neighbour - neighbour[unit] * own)
+    return float(np.exp(log_f)), shape
 
 
 def _mode(number: int, frequency: float, shape: FloatArray, factor: FloatArray) -> Mode:

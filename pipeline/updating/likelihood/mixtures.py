@@ -54,6 +54,47 @@ class _Neighbours:
     """(q,) number of the row: negative, of the neighbour"""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class NeighbourShares:
+    """What shares of neighbours make of the errors, before any is taken out."""
+
+    alone: ModeErrors
+    """The errors as if no mode had a share of another."""
+    neighbours: _Neighbours
+    columns: FloatArray
+    """e of each share, (p, q)"""
+    slopes: FloatArray
+    """∂e/∂u, (p, q, n_dim)"""
+
+    def taken_out(self, sigma: float) -> tuple[ModeErrors, float]:
+        """The errors less the likeliest shares and a row more for each; and
+        ln |D + E S² Eᵀ| − ln |D| with D = S + F + σ² R."""
+        found, near, columns = self.alone, self.neighbours, self.columns
+        n = len(near.stds)
+        precise = columns / (found.variances + found.floors + sigma**2 * found.reference)[:, None]
+        information = np.diag(near.stds**-2) + columns.T @ precise
+        gains = np.linalg.solve(information, precise.T)  # k, (q, p)
+        shares = gains @ found.errors
+        jacobian = found.jacobian - np.einsum("pqu,q->pu", self.slopes, shares)
+        moved = gains @ jacobian
+        wider = np.linalg.slogdet(information)[1] + 2 * np.log(near.stds).sum()
+        cleared = replace(
+            found,
+            errors=np.append(found.errors - columns @ shares, shares),
+            variances=np.append(found.variances, np.zeros(n)),
+            floors=np.append(found.floors, near.stds**2),
+            reference=np.append(found.reference, np.zeros(n)),
+            jacobian=np.concatenate([jacobian - columns @ moved, moved]),
+            groups=np.append(found.groups, near.observations),
+            is_frequency=np.append(found.is_frequency, np.zeros(n, dtype=bool)),
+            tracks=np.append(found.tracks, found.tracks[near.observations]),
+            rows=np.append(found.rows, near.rows),
+            units=np.append(found.units, near.units),
+            shares=self,
+        )
+        return cleared, float(wider)
+
+
 def with_mixtures(found: ModeErrors) -> ModeErrors:
     """The errors less the likeliest shares of neighbours, and a row more for each share.
 
@@ -69,28 +110,9 @@ def with_mixtures(found: ModeErrors) -> ModeErrors:
         track of their mode: who leaves a mode out leaves its shares out.
     """
     near = _neighbours(found)
-    n = len(near.stds)
-    if not n:
+    if not len(near.stds):
         return found
-    columns, slopes = _columns(found, near)
-    precise = columns / (found.variances + found.floors)[:, None]
-    gains = np.linalg.solve(np.diag(near.stds**-2) + columns.T @ precise, precise.T)  # k, (q, p)
-    shares = gains @ found.errors
-    jacobian = found.jacobian - np.einsum("pqu,q->pu", slopes, shares)
-    moved = gains @ jacobian
-    return replace(
-        found,
-        errors=np.append(found.errors - columns @ shares, shares),
-        variances=np.append(found.variances, np.zeros(n)),
-        floors=np.append(found.floors, near.stds**2),
-        reference=np.append(found.reference, np.zeros(n)),
-        jacobian=np.concatenate([jacobian - columns @ moved, moved]),
-        groups=np.append(found.groups, near.observations),
-        is_frequency=np.append(found.is_frequency, np.zeros(n, dtype=bool)),
-        tracks=np.append(found.tracks, found.tracks[near.observations]),
-        rows=np.append(found.rows, near.rows),
-        units=np.append(found.units, near.units),
-    )
+    return NeighbourShares(found, near, *_columns(found, near)).taken_out(0.0)[0]
 
 
 def _neighbours(found: ModeErrors) -> _Neighbours:

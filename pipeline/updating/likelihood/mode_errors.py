@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,13 @@ from sensors.dynamics.figure_modes import Linearisation
 
 STUDENT_DEGREES = 4.0  # ν of Student's t, of each mode's frequency and each shape
 ARRAYS_REMEMBERED = 8  # of evidences: a fit compares one or two, hundreds of times
+
+
+class SharesOut(Protocol):
+    """Shares of neighbours in the errors, to be taken out beside any discrepancy."""
+
+    def taken_out(self, sigma: float) -> tuple["ModeErrors", float]:
+        """The errors less the likeliest shares, and by how much shares raise ln |D(σ)|."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +57,13 @@ class ModeErrors:
     damping_ratios: FloatArray
     """ζ of each identified mode that is compared, (n,), NaN where unknown [-]"""
     linearisation: Linearisation
+    shares: "SharesOut | None" = None
+    """Of neighbours that were taken out of the errors; None for none"""
+
+    def at_discrepancy(self, sigma: float) -> tuple["ModeErrors", float]:
+        """The errors with the shares of neighbours that are likeliest beside a discrepancy σ, and
+        by how much they raise ln |D(σ)|: where modes err by more, shapes tell less of a share."""
+        return (self, 0.0) if self.shares is None else self.shares.taken_out(sigma)
 
     def squares(self, variances: FloatArray) -> tuple[FloatArray, IndexArray, FloatArray]:
         """χ² of each frequency and each shape, (g,), which of them every component belongs to,

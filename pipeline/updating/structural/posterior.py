@@ -5,7 +5,8 @@ With the errors linear about the peak, η(u) = η₀ + J (u − u₁), every σ 
     H(σ) = Jᵀ D⁻¹ J + P,   D = S + F + σ² R,   δ(σ) = −H⁻¹ (Jᵀ D⁻¹ η₀ + P (u₁ − u₀)),
 
 and its weight is p(d | σ) ∝ |H|^(−1/2) p(η(u₁ + δ) | σ) exp(−½ prior cost): Laplace's method in u,
-exact in σ. Source: Rue, Martino and Chopin, JRSS B 71 (2009) 319, with one hyperparameter.
+exact in σ; shares of neighbours (`likelihood.mixtures`) are integrated out beside each σ. Source:
+Rue, Martino and Chopin, JRSS B 71 (2009) 319, with one hyperparameter.
 
 Where many modes are off by more than they report, the model is off, which is σ; where few are, they
 were identified wrongly. Student's t, which keeps the peak off gross errors, takes both for gross
@@ -107,12 +108,12 @@ def joint_posterior(
 
     common   factor on the variances where errors of a rough model are common to so many modes [-]
     """
-    found: ModeErrors = peak.comparison
     sigma, widths = sigma_grid(highest_sigma, n_sigma)
     prior, off = coordinates.prior_precision, peak.u - coordinates.origin
-    J, eta = found.jacobian, found.errors
     logs, means, covariances = [], [], []
     for value in sigma:
+        found, mixing = peak.comparison.at_discrepancy(float(value))
+        J, eta = found.jacobian, found.errors
         D = found.variances + found.floors + value**2 * found.reference
         D = D / found.robust_weights(D)
         hessian = (J.T / D) @ J + prior
@@ -122,7 +123,7 @@ def joint_posterior(
         step = -covariance @ gradient
         there = replace(found, errors=eta + J @ step)
         cost = float((off + step) @ prior @ (off + step) + np.linalg.slogdet(hessian)[1])
-        logs.append(_log_density(there, float(value)) - 0.5 * cost)
+        logs.append(_log_density(there, float(value)) - 0.5 * (cost + mixing))
         means.append(peak.u + step)
         covariances.append(wide)
     log_weights = np.array(logs) + np.log(np.maximum(widths, 1e-300))

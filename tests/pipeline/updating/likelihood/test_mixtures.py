@@ -134,6 +134,24 @@ def test_rows_of_shares_stand_for_a_covariance_that_is_not_diagonal(fit: JointFi
     )
 
 
+@pytest.mark.parametrize("sigma", [0.0, 1e-3, 5e-3])
+def test_beside_any_discrepancy_the_density_is_that_of_the_dense_covariance(
+    fit: JointFit, sigma: float
+) -> None:
+    """Shares as likely at σ = 0, and no determinant, took most of σ for shares."""
+    _, plain = compared(fit)
+    found, wider = with_mixtures(plain).at_discrepancy(sigma)
+    own = plain.variances + plain.floors + sigma**2 * plain.reference
+    near = _neighbours(plain)
+    columns, _ = _columns(plain, near)
+    dense = np.diag(own) + (columns * near.stds**2) @ columns.T
+    D = found.variances + found.floors + sigma**2 * found.reference
+    expected = float(plain.errors @ np.linalg.solve(dense, plain.errors))
+    assert np.sum(found.errors**2 / D) == pytest.approx(expected, rel=1e-9)
+    rise = np.linalg.slogdet(dense)[1] - np.log(own).sum()
+    assert wider == pytest.approx(rise, rel=1e-9)
+
+
 def test_the_gradient_is_that_of_the_cost_with_the_shares_integrated_out(fit: JointFit) -> None:
     """By differences of the dense form, with the shares' standard deviations as they are."""
     u, plain = compared(fit)
