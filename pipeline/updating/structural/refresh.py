@@ -25,12 +25,13 @@ from pipeline.updating.structural.predictive_checks import (
 )
 from pipeline.updating.structural.relative_change import RelativeSprings, relative_springs
 from pipeline.updating.structural.sensors.faults import (
+    LOST_PAIRS,
     SensorFault,
     fault_named,
+    likely_wirings,
     sensor_fault,
     still_explained,
     suspicious,
-    wrong_cables,
 )
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -187,7 +188,7 @@ def _tried(
     """The narrowest tolerance at which enough modes have a partner, or a fault of the sensors says
     why not; else the one at which most have; None where nothing can be compared."""
     level_std = _level_std(inference, measured)
-    known = _with_last_fault(inference, measured, warm, level_std=level_std, name=last_fault)
+    known = _with_fault_named(inference, measured, warm, level_std=level_std, name=last_fault)
     if known is not None and known.paired_share >= guards.paired_share:
         return known
     first = min((each.tolerance for each in warm), default=FINEST_TOLERANCE)
@@ -200,7 +201,7 @@ def _tried(
         attempt = _Attempt(*fitted)
         if attempt.fits_nothing(guards):
             if not cables_searched:
-                attempt = _with_wrong_cables(inference, attempt, last_fault)
+                attempt = _with_wrong_cables(inference, measured, attempt, level_std=level_std)
             cables_searched = True
         elif attempt.suspicious:
             attempt = _with_sensor_fault(inference, attempt, last_fault)
@@ -211,7 +212,7 @@ def _tried(
     return most
 
 
-def _with_last_fault(
+def _with_fault_named(
     inference: JointInference,
     measured: ModalEvidence,
     warm: Sequence[WarmStart],
@@ -219,8 +220,7 @@ def _with_last_fault(
     level_std: float,
     name: str,
 ) -> _Attempt | None:
-    """The result with the fault that the last refresh found, while it still explains the evidence:
-    no other is looked for."""
+    """The result with the fault of that name, if it explains the evidence."""
     fault = fault_named(name, inference.fits[0][1])
     if fault is None:
         return None
@@ -271,12 +271,19 @@ def _fitted(
     return result, evidence
 
 
-def _with_wrong_cables(inference: JointInference, attempt: _Attempt, last: str) -> _Attempt:
-    """The attempt with the cables that let most modes find their partners; as it was for none."""
-    best = attempt.result.best
-    fine = best.fit.with_tolerance(FINEST_TOLERANCE)
-    found = wrong_cables(fine, attempt.evidence, best.peak.u, last=last)
-    return attempt if found is None else _with_fault(inference, attempt, *found)
+def _with_wrong_cables(
+    inference: JointInference, measured: ModalEvidence, attempt: _Attempt, *, level_std: float
+) -> _Attempt:
+    """The attempt with the cables that let most modes find their partners; as it was for none.
+
+    Every alternative is fitted anew: which was best with wrong shapes tells nothing.
+    """
+    fine = attempt.result.best.fit.with_tolerance(FINEST_TOLERANCE)
+    for fault in likely_wirings(fine, attempt.evidence):
+        found = _with_fault_named(inference, measured, (), level_std=level_std, name=fault.name)
+        if found is not None and found.paired_share > attempt.paired_share - LOST_PAIRS:
+            return found
+    return attempt
 
 
 def _with_sensor_fault(inference: JointInference, attempt: _Attempt, last: str) -> _Attempt:

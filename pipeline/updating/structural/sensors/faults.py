@@ -16,7 +16,6 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.structural.joint_fit import JointFit, JointPeak
 from pipeline.updating.structural.prior import JointCoordinates
 from sensors.acquisition.layout import SensorLayout
-from sensors.arrays import FloatArray
 
 WIDE = {"gain": 40.0, "heading": 30.0, "height": 30.0}  # factor on the prior's std of a fault
 EXCHANGES_TRIED = 3  # of channels, those that pair the modes best
@@ -110,22 +109,10 @@ def still_explained(
     return replace(fault, text=text) if text else None
 
 
-def wrong_cables(
-    fit: JointFit, evidence: ModalEvidence, start: FloatArray, *, last: str = ""
-) -> tuple[SensorFault, JointPeak] | None:
-    """Sensors swapped, or a channel flipped, or two exchanged, that explain why modes find no
-    partners, and the peak with them.
-
-    fit     at the finest tolerance, within which modes find none
-    start   (n_dim,) where the fit without a fault ended
-    last    as for `sensor_fault`
-    """
-    peak = fit.best(evidence, [start], most_starts=2)
-    if peak is None:
-        return None
-    faults = [*_wrong_cables(fit), *_exchanges(fit)]
-    found = _best_of([fault for fault in faults if fault.name == last], evidence, peak)
-    return found or _best_of(_best_paired(faults, fit, evidence), evidence, peak)
+def likely_wirings(fit: JointFit, evidence: ModalEvidence) -> list[SensorFault]:
+    """Sensors swapped, a channel flipped or two exchanged, with which modes find much nearer
+    partners among drawn structures, the nearest first; none where none is much nearer."""
+    return _best_paired([*_wrong_cables(fit), *_exchanges(fit)], fit, evidence)
 
 
 def _best_of(

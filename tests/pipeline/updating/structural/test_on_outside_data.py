@@ -20,6 +20,7 @@ from pipeline.updating.structural.settings import UNCERTAIN
 from pipeline.updating.updater import FoundationUpdater
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import load_turbine
+from tests.benchmarks import structural_uncertainty
 from tests.outside.figures import Figures, draw
 from tests.outside.instruments import SensorFault, instruments
 from tests.outside.modal_data import LAYOUT, Truth, estimates
@@ -103,7 +104,7 @@ def test_two_channels_exchanged_from_the_start_are_named(
     assert found.refusal is None
     draws = np.log(found.draws[:, :3] * NOMINAL / truth.theta)
     assert np.abs(draws.mean(axis=0) / draws.std(axis=0)).max() < 3.5
-    for search in ("sensor_fault", "wrong_cables"):
+    for search in ("sensor_fault", "likely_wirings"):
         monkeypatch.setattr(refresh, search, lambda *_, **__: pytest.fail("searched again"))
     again = joint_refresh(inference, evidence, found.warm_starts, rng, last_fault=found.fault.name)
     assert again is not None
@@ -250,3 +251,18 @@ def test_a_rough_description_gives_a_wide_interval_and_says_so() -> None:
     low, high = np.quantile(found.draws[:, :3] * NOMINAL / truth.theta, [0.05, 0.95], axis=0)
     assert np.all((low < 1) & (high > 1))
     assert np.all(high / low > 1.3)
+
+
+@pytest.mark.nightly
+def test_swapped_sensors_are_named_whatever_structure_fitted_their_shapes_best(
+    inference: JointInference,
+) -> None:
+    """Seed 172107: with the wrong shapes the described blades fitted best; with the right ones
+    only the converged ones do."""
+    swapped = next(
+        c for c in structural_uncertainty.cases("sensors", 172000, 8) if c.seed == 172107
+    )
+    found = structural_uncertainty.outcome(swapped, "published", inference)
+    assert found is not None
+    assert any("80 m and 145 m are swapped" in doubt for doubt in found.doubts)
+    assert all(found.held)
