@@ -12,7 +12,8 @@ inside    in the priors and trusted?  `outside`: another turbine, wrong sensors,
 sensors   one sensor turned, swapped, flipped, scaled, displaced, twenty sets each
 
 A set: springs uniform in .8 to 1.25 of nominal, modal data by tests.outside (its own elements;
-blades reduced or converged in turn), the level known to .1 m. Held: inside the 90 % interval.
+blades reduced or converged in turn), sensors misplaced as their priors say where figures are drawn,
+the level known to .1 m. Held: inside the 90 % interval.
 z: (median − truth) / std, of ln k. Thresholds and floors were chosen on seeds below 22000.
 """
 
@@ -34,6 +35,7 @@ from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.structural.joint_message import distrust
 from pipeline.updating.structural.refresh import joint_refresh
+from pipeline.updating.structural.sensors.figures import GAIN_STD, HEADING_STD, HEIGHT_STD
 from pipeline.updating.structural.settings import UNCERTAIN
 from sensors.structure.description import load_turbine
 from tests.benchmarks._results import keep
@@ -46,6 +48,7 @@ from tests.outside.model import NOMINAL, Description, SpringSign, averaged, conv
 from tests.outside.records import record
 
 FIRST_SEED = 30000
+MISPLACED = 1  # of the random numbers that place a set's sensors
 SPRINGS = ("k11", "k22", "k12")
 DEPENDS = (
     "pipeline/updating/structural",
@@ -136,6 +139,8 @@ def outcome(case: Case, sign: SpringSign, inference: JointInference) -> Outcome 
     """Draw a set and infer; None where there is no posterior."""
     rng = np.random.default_rng(case.seed)
     truth = _truth(case, sign, rng)
+    if case.figures is None:
+        case = replace(case, faults=(*misplaced(case.seed, case.beyond), *case.faults))
     known = case.level_std <= 0.1
     sensed = instruments(LAYOUT, case.faults)
     if case.identified:
@@ -203,6 +208,22 @@ def _truth(case: Case, sign: SpringSign, rng: np.random.Generator) -> Truth:
         drawn = case.figures(Figures())
     description = case.description or (averaged(), converged())[case.seed % 2]
     return Truth(theta=theta, figures=drawn, sign=sign, description=description)
+
+
+def misplaced(seed: int, factor: float) -> tuple[SensorFault, ...]:
+    """Gains, headings and heights of all sensors, drawn from their priors; the top one, which the
+    tower's end carries, can only be lower."""
+    rng = np.random.default_rng([seed, MISPLACED])
+    found = []
+    heights = np.unique(LAYOUT.elevations).tolist()
+    for z in heights:
+        rise = factor * HEIGHT_STD * rng.standard_normal()
+        found.append(SensorFault("height", z, -abs(rise) if z == heights[-1] else rise))
+        found.append(SensorFault("turned", z, factor * HEADING_STD * rng.standard_normal()))
+        for axis in (0, 1):
+            gain = factor * GAIN_STD * rng.standard_normal()
+            found.append(SensorFault("gain", z, gain, axis=axis))
+    return tuple(found)
 
 
 def _farther(drawn: Figures, factor: float) -> Figures:

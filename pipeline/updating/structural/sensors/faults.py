@@ -17,7 +17,7 @@ from pipeline.updating.structural.joint_fit import JointFit, JointPeak
 from pipeline.updating.structural.prior import JointCoordinates
 from sensors.acquisition.layout import SensorLayout
 
-WIDE = {"gain": 40.0, "heading": 30.0, "height": 30.0}  # factor on the prior's std of a fault
+WIDE = {"gain": 40.0, "heading": 30.0, "height": 60.0}  # factor on the prior's std of a fault
 EXCHANGES_TRIED = 3  # of channels, those that pair the modes best
 CORRECTIONS_TRIED = 4  # flips and swaps, those that fit best where the fit without a fault ended
 LEAST_DROP = 25.0  # of the cost: 12 nats against some sixty faults tried

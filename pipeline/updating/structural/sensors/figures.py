@@ -21,7 +21,8 @@ from sensors.arrays import FloatArray
 # Engineering judgement, all three: no standard states them.
 GAIN_STD = 0.01  # of a channel, as usual data sheets of accelerometers have it [-]
 HEADING_STD = 2.0  # of a sensor: alignment by eye to the nacelle's or the door's axis [deg]
-HEIGHT_STD = 0.2  # of a sensor: bracket against drawing [m]
+HEIGHT_STD = 0.1  # of a sensor: flanges and platforms are built to centimetres, its bracket is
+# measured from them by tape [m]
 
 
 @dataclass(frozen=True, slots=True)
