@@ -24,14 +24,14 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused, SeenWindow, sightings
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.structural.alternatives import JointInference
-from pipeline.updating.structural.calibration import (
+from pipeline.updating.structural.inference import joint_inference, prior_stds
+from pipeline.updating.structural.periods.calibration import (
     CalibratedAlternative,
     DesignSprings,
     calibrated,
     calibration_of,
     evidence_by_level,
 )
-from pipeline.updating.structural.inference import joint_inference, prior_stds
 from pipeline.updating.structural.refresh import joint_refresh
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError

@@ -15,7 +15,7 @@ from pipeline.updating.change.revised_size import BeforeEvent
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import ModeObservation, SeenWindow, diagonal
 from pipeline.updating.structural.alternatives import WarmStart
-from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE
+from pipeline.updating.structural.joint_model import FINEST_TOLERANCE
 from sensors.arrays import FloatArray
 
 RECENT_WINDOWS = 36  # that are kept one by one: six hours of ten minutes

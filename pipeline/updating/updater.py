@@ -345,7 +345,9 @@ def _joint_sensitivities(
     by_theta = np.linalg.inv(fit.coordinates.slopes(peak.u)[:3, :3])
     slopes = modes.log_frequency_slopes[:, :3] @ by_theta * fit.coordinates.nominal
     moved = found.evidence.level_varied or found.evidence.n_unknown_levels > 0
-    water = [each.curve for each in fit.partners_in_water(peak)] if moved else None
+    water = (
+        [each.curve for each in fit.partners_in_water(peak.u, peak.comparison)] if moved else None
+    )
     known = [each for each in peak.comparison.used if labels[each.model_modes[0]] != "?"]
     chosen = found.evidence.one_a_track(each.identified for each in known)
     return tuple(

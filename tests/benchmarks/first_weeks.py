@@ -22,13 +22,13 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import SeenWindow, sightings
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
-from pipeline.updating.structural.calibration import (
+from pipeline.updating.structural.inference import joint_inference, prior_stds
+from pipeline.updating.structural.joint_message import distrust
+from pipeline.updating.structural.periods.calibration import (
     calibrated,
     calibration_of,
     evidence_by_level,
 )
-from pipeline.updating.structural.inference import joint_inference, prior_stds
-from pipeline.updating.structural.joint_message import distrust
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
 from pipeline.updating.structural.settings import UNCERTAIN
 from sensors.arrays import FloatArray

@@ -34,7 +34,8 @@ from pipeline.updating.likelihood.mixtures import (
     WIDEST_SHARE,
 )
 from pipeline.updating.structural.alternatives import JointInference
-from pipeline.updating.structural.joint_fit import JointFit, JointPeak, continued
+from pipeline.updating.structural.joint_fit import JointFit
+from pipeline.updating.structural.joint_model import JointPeak, continued
 from pipeline.updating.structural.prior import GaussianBelief, JointCoordinates
 from pipeline.updating.structural.refresh import WIDENING
 from sensors.acquisition.blocks import NANOSECONDS

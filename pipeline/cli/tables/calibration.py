@@ -12,7 +12,7 @@ from sensors.structure.figures import BY_NAME
 
 if TYPE_CHECKING:
     from pipeline.offline.calibrate_turbine import TurbineCalibration
-    from pipeline.updating.structural.calibration import UnseparatedFigures
+    from pipeline.updating.structural.periods.calibration import UnseparatedFigures
 
 MOST_UNSEPARATED = 4  # combinations that are listed
 SENSOR_UNITS = {"gain": "-", "heading": "deg", "height": "m"}

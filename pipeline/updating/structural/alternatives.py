@@ -21,12 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import (
-    FEW_STARTS,
-    FINEST_TOLERANCE,
-    JointFit,
-    JointPeak,
-)
+from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit
+from pipeline.updating.structural.joint_model import FINEST_TOLERANCE, JointPeak
 from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
 from pipeline.updating.structural.prior import (
     GaussianBelief,

@@ -32,7 +32,7 @@ from pipeline.updating.posterior_message import (
     thinned_draws,
 )
 from pipeline.updating.prior import PARAMETER_NAMES, Prior
-from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE
+from pipeline.updating.structural.joint_model import FINEST_TOLERANCE
 from pipeline.updating.structural.posterior import figure_errors, systematic_errors
 from pipeline.updating.structural.predictive_checks import UNPREDICTED
 from pipeline.updating.structural.prior import N_SPRINGS

@@ -41,7 +41,7 @@ import numpy as np
 
 from pipeline.updating.likelihood.likelihood import sigma_grid
 from pipeline.updating.likelihood.mode_errors import ModeErrors
-from pipeline.updating.structural.joint_fit import JointPeak
+from pipeline.updating.structural.joint_model import JointPeak
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
 from sensors.arrays import FloatArray
 

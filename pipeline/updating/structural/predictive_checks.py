@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import chdtrc  # scipy.stats takes a third of a second to load
 
 from pipeline.updating.likelihood.mode_errors import ModeErrors
-from pipeline.updating.structural.joint_fit import JointPeak
+from pipeline.updating.structural.joint_model import JointPeak
 from pipeline.updating.structural.prior import N_SPRINGS, JointCoordinates
 from sensors.arrays import FloatArray
 

@@ -15,7 +15,9 @@ from pipeline.updating.structural.alternatives import (
     WarmStart,
     modes_to_a_cause,
 )
-from pipeline.updating.structural.joint_fit import FINEST_TOLERANCE, JointFit, JointPeak
+from pipeline.updating.structural.joint_fit import JointFit
+from pipeline.updating.structural.joint_model import FINEST_TOLERANCE, JointPeak
+from pipeline.updating.structural.periods.relative_change import RelativeSprings, relative_springs
 from pipeline.updating.structural.posterior import ErrorBudget, error_budget
 from pipeline.updating.structural.predictive_checks import (
     FigureConflict,
@@ -23,7 +25,6 @@ from pipeline.updating.structural.predictive_checks import (
     figure_conflicts,
     held_out_checks,
 )
-from pipeline.updating.structural.relative_change import RelativeSprings, relative_springs
 from pipeline.updating.structural.sensors.faults import (
     LOST_PAIRS,
     SensorFault,
@@ -323,7 +324,7 @@ def at_model_level(measured: ModalEvidence, fitted: FittedAlternative) -> ModalE
         measured, targets, fitted.peak.u, max(LEVEL_TOLERANCE, fitted.fit.tolerance)
     )
     pairing = (compared or found).pairing
-    partners = fitted.fit.partners_in_water(fitted.peak)
+    partners = fitted.fit.partners_in_water(fitted.peak.u, found)
     if len(pairing.model_modes) != len(measured.modes):
         return measured
     return measured.at_model_level([partners[m] if m >= 0 else None for m in pairing.model_modes])

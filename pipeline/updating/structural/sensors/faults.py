@@ -13,7 +13,8 @@ from itertools import chain, combinations
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import JointFit, JointPeak
+from pipeline.updating.structural.joint_fit import JointFit
+from pipeline.updating.structural.joint_model import JointPeak
 from pipeline.updating.structural.prior import JointCoordinates
 from sensors.acquisition.layout import SensorLayout
 

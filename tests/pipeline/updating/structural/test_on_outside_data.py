@@ -13,9 +13,9 @@ from pipeline.updating.structural import refresh
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.structural.joint_message import distrust
+from pipeline.updating.structural.periods.relative_change import relative_springs
 from pipeline.updating.structural.posterior import figure_errors
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
-from pipeline.updating.structural.relative_change import relative_springs
 from pipeline.updating.structural.settings import UNCERTAIN
 from pipeline.updating.updater import FoundationUpdater
 from sensors.dynamics.modal_model import ModalModel

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.likelihood.mode_errors import ModeErrors, _measured
-from pipeline.updating.structural.joint_fit import JointPeak
+from pipeline.updating.structural.joint_model import JointPeak
 from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
 from pipeline.updating.structural.prior import JointCoordinates
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate

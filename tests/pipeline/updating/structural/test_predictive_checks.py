@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.updating.structural.joint_fit import JointPeak
+from pipeline.updating.structural.joint_model import JointPeak
 from pipeline.updating.structural.predictive_checks import held_out_checks
 from pipeline.updating.structural.prior import JointCoordinates, UncertainFigure
 from tests.pipeline.updating.structural.comparisons import GROUPS, comparison

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.updating.structural.joint_fit import JointPeak
+from pipeline.updating.structural.joint_model import JointPeak
 from pipeline.updating.structural.sensors import faults
 from pipeline.updating.structural.sensors.faults import SensorFault
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.likelihood.mode_errors import ModeErrors, student_weights
-from pipeline.updating.structural.joint_fit import JointFit
+from pipeline.updating.structural.joint_model import JointModel
 from sensors.arrays import FloatArray, IndexArray
 
 FLOOR_CORRELATION = 0.9  # of one mode's systematic error in two periods [-]
@@ -52,7 +52,7 @@ class CommonFit:
 
 
 def common_fit(
-    fit: JointFit,
+    fit: JointModel,
     periods: Sequence[Period],
     x: FloatArray,
     *,

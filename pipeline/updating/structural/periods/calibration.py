@@ -19,7 +19,7 @@ from pipeline.updating.evidence.mode_evidence import ModeEvidence
 from pipeline.updating.evidence.observations import SeenWindow
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.alternatives import FittedAlternative, JointResult
-from pipeline.updating.structural.periods import CommonFit, Period, common_fit
+from pipeline.updating.structural.periods.joint_periods import CommonFit, Period, common_fit
 from pipeline.updating.structural.prior import N_SPRINGS, GaussianBelief, JointCoordinates
 from sensors.arrays import FloatArray, IndexArray
 from sensors.structure.calibration import AlternativeFigures, Calibration

@@ -5,7 +5,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from pipeline.updating.structural.periods import Period, _by_component
+from pipeline.updating.structural.periods.joint_periods import Period, _by_component
 from tests.pipeline.updating.structural.comparisons import comparison
 
 

@@ -19,8 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import JointFit, continued
-from pipeline.updating.structural.periods import Period, common_fit
+from pipeline.updating.structural.joint_fit import JointFit
+from pipeline.updating.structural.joint_model import JointModel, continued
+from pipeline.updating.structural.periods.joint_periods import Period, common_fit
 from pipeline.updating.structural.prior import N_SPRINGS, GaussianBelief
 from sensors.arrays import FloatArray, IndexArray
 
@@ -138,7 +139,7 @@ def _renamed(evidence: ModalEvidence, tracks: Mapping[int, int], n_tracks: int) 
     return replace(evidence, modes=tuple(modes), n_tracks=n_tracks)
 
 
-def _followed(fit: JointFit, then: FloatArray, now: FloatArray) -> IndexArray:
+def _followed(fit: JointModel, then: FloatArray, now: FloatArray) -> IndexArray:
     """(n_modes,) which mode of the model at the second point continues each of the first's."""
     last, places = None, np.arange(0)
     for share in np.linspace(0.0, 1.0, STEPS_BETWEEN + 1):
@@ -152,7 +153,7 @@ def _followed(fit: JointFit, then: FloatArray, now: FloatArray) -> IndexArray:
     return places
 
 
-def _prior(fit: JointFit, own: IndexArray, level_correlation: float) -> FloatArray:
+def _prior(fit: JointModel, own: IndexArray, level_correlation: float) -> FloatArray:
     """Precision of x: the figures' once, springs and level for each period, and the change's."""
     n = fit.coordinates.n_dim
     precision = np.zeros((n + len(own), n + len(own)))
@@ -169,11 +170,11 @@ def _prior(fit: JointFit, own: IndexArray, level_correlation: float) -> FloatArr
     return precision
 
 
-def _log_springs(fit: JointFit, x: FloatArray, places: IndexArray) -> FloatArray:
+def _log_springs(fit: JointModel, x: FloatArray, places: IndexArray) -> FloatArray:
     return np.log(np.abs(fit.coordinates.springs(x[places])))
 
 
-def _slopes(fit: JointFit, x: FloatArray, places: IndexArray, size: int) -> FloatArray:
+def _slopes(fit: JointModel, x: FloatArray, places: IndexArray, size: int) -> FloatArray:
     u = x[places]
     own = fit.coordinates.slopes(u)[:N_SPRINGS] / fit.coordinates.springs(u)[:, None]
     found = np.zeros((N_SPRINGS, size))

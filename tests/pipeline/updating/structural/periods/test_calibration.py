@@ -10,8 +10,12 @@ from pipeline.updating.evidence.observations import SeenWindow, sightings
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
-from pipeline.updating.structural.calibration import DesignSprings, calibrated, evidence_by_level
 from pipeline.updating.structural.inference import joint_inference
+from pipeline.updating.structural.periods.calibration import (
+    DesignSprings,
+    calibrated,
+    evidence_by_level,
+)
 from pipeline.updating.structural.refresh import joint_refresh
 from pipeline.updating.structural.settings import UNCERTAIN, structure_settings
 from sensors.errors import InputError

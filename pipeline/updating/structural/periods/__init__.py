@@ -1,0 +1,1 @@
+"""Several periods of one structure: common figures, springs of their own."""
