@@ -16,8 +16,8 @@ from pipeline.messages import (
     rejected_estimate,
     without_covariances,
 )
-from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
-from pipeline.nodes.limits import LimitSettings, too_many
+from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
+from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog
 from pipeline.nodes.units.acquisition_units import (

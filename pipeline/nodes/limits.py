@@ -3,7 +3,6 @@ there may be."""
 
 from dataclasses import dataclass, field, fields
 
-from pipeline.messages import QualityWarning
 from sensors.errors import InputError
 from sensors.settings import NO_KEY
 
@@ -37,33 +36,3 @@ class LimitSettings:
             value = getattr(self, each.name)
             if not value > 0:
                 raise LimitError(f"[limits] {each.name} is {value:g}; it must be > 0")
-
-
-class LimitedMembers:
-    """Names that messages came from, so many at most.
-
-    When one more comes, the one with the fewest messages goes; of these, the one silent longest.
-    So a flood of new names drives out names of the flood, and none that has sent for a while.
-    """
-
-    def __init__(self, most: int) -> None:
-        self.gone = 0  # names that had to go
-        self._most = most
-        self._heard: dict[str, int] = {}  # by name, the longest silent first
-
-    def heard(self, name: str) -> str | None:
-        """Mark `name` as recently used; return the evicted name, or None."""
-        leaving = None
-        if name not in self._heard and len(self._heard) >= self._most:
-            leaving = min(self._heard, key=self._heard.__getitem__)  # the first of equals
-            del self._heard[leaving]
-            self.gone += 1
-        self._heard[name] = self._heard.pop(name, 0) + 1
-        return leaving
-
-
-def too_many(limit: str, gone: int) -> QualityWarning:
-    """That members had to be let go, and how often."""
-    return QualityWarning(
-        "too-many-turbines", f"more than {limit}: {gone} times the least heard one was let go"
-    )

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from pipeline.messages import ModalEstimate, QualityWarning, StreamEnd
-from pipeline.nodes.limits import LimitedMembers
+from pipeline.nodes.by_turbine import LimitedMembers
 from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.units.block_admission import BlockAdmission, BlockMark
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
