@@ -17,7 +17,7 @@ from pipeline.messages import (
     without_covariances,
 )
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
-from pipeline.nodes.limits import LimitSettings
+from pipeline.nodes.limits import DEFAULT_LIMITS, LimitSettings, Refusal, window_refusal
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog
 from pipeline.nodes.units.acquisition_units import (
@@ -25,23 +25,16 @@ from pipeline.nodes.units.acquisition_units import (
     AcquisitionUnits,
     OpeningBlock,
     OpeningBlocks,
+    UnitSession,
 )
-from pipeline.nodes.units.block_admission import (
-    DEFAULT_LIMITS,
-    NO_LAYOUT,
-    Admission,
-    BlockMark,
-    Refusal,
-    window_refusal,
-)
+from pipeline.nodes.units.block_admission import NO_LAYOUT, Admission
 from pipeline.nodes.units.joined_session import SILENT, JoinedSession
 from pipeline.nodes.units.resuming import IdentificationState, IdentifiedSession, needed_messages
-from pipeline.nodes.units.unit_session import UnitSession
 from pipeline.nodes.window_identification import CpuClock, CpuLimit
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER
-from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 

@@ -1,10 +1,17 @@
-"""What a unit or a turbine may cost, so that none costs the others' windows, and how many of them
-there may be."""
+"""What a unit or a turbine may cost, so that none costs the others' windows, how many of them there
+may be, and which blocks are beyond that."""
 
 from dataclasses import dataclass, field, fields
 
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.settings import NO_KEY
+
+# Codes of refusals, as they are counted in a NodeStatus.
+TOO_LARGE = "window-too-large"
+TOO_MANY_CHANNELS = "too-many-channels"
+TOO_FAST = "sampled-too-fast"
+TOO_LARGE_BLOCK = "block-too-large"
 
 
 class LimitError(InputError):
@@ -36,3 +43,51 @@ class LimitSettings:
             value = getattr(self, each.name)
             if not value > 0:
                 raise LimitError(f"[limits] {each.name} is {value:g}; it must be > 0")
+
+
+DEFAULT_LIMITS = LimitSettings()
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a block cannot be used: a stable code, and a sentence for people."""
+
+    code: str
+    text: str
+
+
+def window_refusal(
+    block: AccelerationBlock, duration: float, limits: LimitSettings = DEFAULT_LIMITS
+) -> Refusal | None:
+    """Why a window of such blocks cannot be identified; None where it can.
+
+    Parameters
+    ----------
+    block : AccelerationBlock
+    duration : float
+        Of a window [s].
+    limits : LimitSettings, optional
+    """
+    n_channels, rate = block.samples.shape[1], block.sampling_rate
+    if n_channels > limits.channels:
+        return Refusal(
+            TOO_MANY_CHANNELS,
+            f"{n_channels} channels; a unit has at most {limits.channels} that are identified "
+            "([limits] channels)",
+        )
+    n_values = duration * rate * n_channels
+    if n_values > limits.window_values:
+        return Refusal(
+            TOO_LARGE,
+            f"a window of {duration:g} s would hold {n_values:.3g} values at {rate:g} Hz; at most "
+            f"{limits.window_values:g} are held ([limits] window_values)",
+        )
+    if rate > limits.sampling_rate:
+        return Refusal(TOO_FAST, f"{rate:g} Hz; at most {limits.sampling_rate:g} Hz are identified")
+    if block.samples.nbytes > 1e6 * limits.block_megabytes:
+        return Refusal(
+            TOO_LARGE_BLOCK,
+            f"a block of {1e-6 * block.samples.nbytes:.1f} MB; at most {limits.block_megabytes:g} "
+            "MB are identified",
+        )
+    return None

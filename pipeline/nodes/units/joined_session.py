@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from pipeline.messages import Message, ModalEstimate, UnitOrigin, WindowRejected
+from pipeline.nodes.limits import Refusal
 from pipeline.nodes.units.acquisition_units import Boot
-from pipeline.nodes.units.block_admission import LAYOUT, STUBBORN, UNITS, Refusal
+from pipeline.nodes.units.block_admission import LAYOUT, STUBBORN, UNITS
 from pipeline.nodes.window_identification import (
     CpuLimit,
     RotorSpeed,
