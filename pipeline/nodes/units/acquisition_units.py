@@ -15,15 +15,10 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.by_turbine import LimitedMembers
-from pipeline.nodes.limits import Refusal
+from pipeline.nodes.limits import CpuLimit, Refusal
 from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.units.block_admission import BlockAdmission
-from pipeline.nodes.window_identification import (
-    CpuLimit,
-    RotorSpeed,
-    WindowIdentification,
-    unknown_speed,
-)
+from pipeline.nodes.window_identification import RotorSpeed, WindowIdentification, unknown_speed
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
