@@ -29,14 +29,8 @@ from pipeline.updating.likelihood.likelihood import (
 )
 from pipeline.updating.likelihood.pairing import Pairing, PairingSettings
 from pipeline.updating.model_matching import Matcher, laplace_peak
-from pipeline.updating.prior import Prior, UpdatingError, modal_where_supported
-from pipeline.updating.samplers.interface import (
-    LogDensity,
-    Peak,
-    PosteriorDraws,
-    Target,
-    log_prior_volume,
-)
+from pipeline.updating.prior import Prior, UpdatingError, log_prior_volume, modal_where_supported
+from pipeline.updating.samplers.interface import LogDensity, Peak, PosteriorDraws, Target
 from pipeline.updating.samplers.tmcmc import (
     CorrectedTmcmc,
     PublishedSettings,
