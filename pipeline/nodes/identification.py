@@ -62,7 +62,6 @@ class TurbineIdentification:
 
     Parameters
     ----------
-    settings : OmaSettings
     compared : bool
         False: a caller that has all windows compares each one's channels with the window's before.
     limits : LimitSettings, optional
@@ -326,7 +325,6 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
 
     Parameters
     ----------
-    settings : OmaSettings, optional
     compared : bool
         See `TurbineIdentification`.
     limits : LimitSettings, optional

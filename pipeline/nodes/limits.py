@@ -69,10 +69,8 @@ def window_refusal(
 
     Parameters
     ----------
-    block : AccelerationBlock
     duration : float
         Of a window [s].
-    limits : LimitSettings, optional
     """
     n_channels, rate = block.samples.shape[1], block.sampling_rate
     if n_channels > limits.channels:

@@ -126,10 +126,6 @@ def start_project(
     place : callable, optional
         Guess of a channel whose name lacks height or axis → where it was; None: as guessed.
 
-    Returns
-    -------
-    NewProject
-
     Raises
     ------
     InputError

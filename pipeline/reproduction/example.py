@@ -182,10 +182,6 @@ def run_example(
     report : callable, optional
         Called with the share that is done [-].
 
-    Returns
-    -------
-    Example
-
     Raises
     ------
     UpdatingError

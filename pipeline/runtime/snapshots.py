@@ -64,7 +64,6 @@ class SnapshotFolder:
 
     Parameters
     ----------
-    path : Path
     node : str
         Whose they are; it stands in their names.
     epoch : int

@@ -115,7 +115,6 @@ class Spool:
 
         Parameters
         ----------
-        block : AccelerationBlock
         payload : bytes
             The block as it is sent.
         now : float

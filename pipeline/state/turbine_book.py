@@ -62,7 +62,6 @@ class TurbineBook:
 
         Parameters
         ----------
-        estimate : ModalEstimate
         updated : bool
             Whether an updating has been heard of.
         awaited : bool

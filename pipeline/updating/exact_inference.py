@@ -88,8 +88,6 @@ class ExactInference:
     ----------
     forward : ForwardModel
         The structure at the layout's sensors.
-    prior : Prior
-    settings : UpdatingSettings
     seed : int
         The scenario's.
     population : StiffnessPopulation, optional

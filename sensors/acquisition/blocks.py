@@ -58,7 +58,6 @@ def parts_of(block: AccelerationBlock, most_samples: int) -> Iterable[Accelerati
 
     Parameters
     ----------
-    block : AccelerationBlock
     most_samples : int
         At least 1.
     """

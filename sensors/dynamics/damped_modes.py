@@ -74,10 +74,6 @@ def damped_system(
     dampers : ndarray, optional, shape (n_dofs, n_dofs)
         Added to the modal damping [N·s/m]; None: none, shapes stay real.
 
-    Returns
-    -------
-    DampedSystem
-
     Raises
     ------
     TurbineError

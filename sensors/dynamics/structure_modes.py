@@ -61,10 +61,6 @@ def structure_modes(
     Solved for 1/ω², the lowest modes are the largest eigenvalues and keep eleven digits beside
     axial modes 10⁵ times as high; for ω² they would keep six.
 
-    Returns
-    -------
-    StructureModes
-
     Raises
     ------
     TurbineError
@@ -127,10 +123,6 @@ def observed_modes(
     ----------
     distribution : ndarray, shape (n_dofs, n_loads)
         Forces on the degrees of freedom per unit of each load.
-
-    Returns
-    -------
-    ObservedModes
 
     Raises
     ------

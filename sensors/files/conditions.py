@@ -102,10 +102,6 @@ def read_conditions(
     turbine : str
         Its id.
 
-    Yields
-    ------
-    ScadaSample
-
     Raises
     ------
     FileError
@@ -156,10 +152,6 @@ def with_rotor_speed_apart(table: ChannelTable) -> ChannelTable:
     """Return a table whose rotor speed, if it has one channel of it, is none of its channels.
 
     Missing values are taken straight between their neighbours.
-
-    Parameters
-    ----------
-    table : ChannelTable
 
     Returns
     -------

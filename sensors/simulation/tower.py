@@ -113,10 +113,6 @@ class SimulatedTower:
     def messages(self) -> Iterator[AccelerationBlock | ScadaSample]:
         """Blocks as the link brings them, and SCADA samples, each before the block that it is of.
 
-        Returns
-        -------
-        Iterator[AccelerationBlock or ScadaSample]
-
         Raises
         ------
         FaultError

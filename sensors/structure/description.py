@@ -146,10 +146,6 @@ class TurbineDescription:
 def load_turbine(name_or_path: str | Path) -> TurbineDescription:
     """Return a turbine that ships (`iea15mw_monopile`) or the description in a user's TOML file.
 
-    Returns
-    -------
-    TurbineDescription
-
     Raises
     ------
     TurbineError
@@ -162,10 +158,6 @@ def load_turbine(name_or_path: str | Path) -> TurbineDescription:
 
 def turbine_text(name_or_path: str | Path) -> str:
     """Return the TOML text of a shipped turbine or of a user's file.
-
-    Returns
-    -------
-    str
 
     Raises
     ------

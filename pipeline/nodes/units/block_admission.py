@@ -94,7 +94,6 @@ class BlockAdmission:
 
         Parameters
         ----------
-        block : AccelerationBlock
         refusal : Refusal, optional
             Why what runs cannot go on with the block; None where it can.
         """

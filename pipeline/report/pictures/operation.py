@@ -87,10 +87,6 @@ def control_limits(values: FloatArray, n_reference: int) -> ControlLimits:
         In order of time.
     n_reference : int
         Values before the first change.
-
-    Returns
-    -------
-    ControlLimits
     """
     reference = values[:n_reference]
     centre = float(np.median(reference))

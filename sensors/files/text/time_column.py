@@ -92,10 +92,6 @@ class Scale:
         step : float or None
             Difference of consecutive numbers; None: unknown.
 
-        Returns
-        -------
-        Scale
-
         Raises
         ------
         ClockError
@@ -173,10 +169,6 @@ class TextClock:
 
     def seconds(self, column: pa.Array) -> FloatArray:
         """Return seconds since the file's first stamp.
-
-        Returns
-        -------
-        ndarray
 
         Raises
         ------
@@ -277,10 +269,6 @@ def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
 
 def parse_start_ns(number: int | float) -> int:
     """[ns since 1970] of a number that states when a file begins; 0 where it counts from no date.
-
-    Returns
-    -------
-    int
 
     Raises
     ------
