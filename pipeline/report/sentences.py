@@ -4,6 +4,8 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,
@@ -296,3 +298,35 @@ def _why_no_posterior(record: TurbineRecord) -> str:
 def sentence(text: str) -> str:
     """Return the text with a capital letter and a full stop."""
     return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else ".")
+
+
+def structure_sentence(posterior: FoundationPosterior) -> str:
+    """How the structure was taken, and what makes the intervals."""
+    if posterior.structure != "uncertain":
+        return (
+            "The structure is taken as exactly known, as its scenario has it: its errors are not "
+            "in these intervals."
+        )
+    parts = [
+        f"{each.name.replace('_', ' ')} ({100 * each.k11:.0f}, {100 * each.k22:.0f} and "
+        f"{100 * each.k12:.0f} %)"
+        for each in posterior.budget[:4]
+    ]
+    alternatives = ", ".join(
+        f"{each.name}: {percent(each.probability)}" for each in posterior.alternatives
+    )
+    return (
+        f"The structure's figures are inferred with the springs ({alternatives}). Shares of the "
+        f"variance of k11, k22 and k12: {'; '.join(parts)}. "
+        f"{percent(posterior.unpredicted_share)} of the modes are not what the others predict."
+    )
+
+
+def axis_words(record: TurbineRecord) -> str:
+    """Return which line is which axis, of the axes that sensors have; "" where it is one."""
+    x, y = ("fore-aft (x)", "side-side (y)") if record.has_structure else ("along x", "along y")
+    layout = record.layout
+    lines = (f"{x} solid", f"{y} dashed", "along z dotted")
+    seen = np.ones(3, dtype=bool) if layout is None else np.any(layout.directions, axis=0)
+    present = [line for line, each in zip(lines, seen, strict=True) if each]
+    return f": {', '.join(present)}" if len(present) > 1 else ""
