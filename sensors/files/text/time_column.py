@@ -22,7 +22,7 @@ from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.files.table import DateOrder
 from sensors.files.text.dates import DateError, DateStyle, kind_of_text, zone_offset_ns
-from sensors.files.text.summer_time import Midnights, SummerTime
+from sensors.files.text.local_clock import Midnights, SummerTime
 
 SECONDS_PER_UNIT = {
     "": 1.0,
