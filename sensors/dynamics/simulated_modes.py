@@ -1,4 +1,4 @@
-"""Modes of the full structure, the damping given to them, and how loads and sensors meet them."""
+"""Modes of the structure that is simulated: its damping, and how loads and sensors meet them."""
 
 from dataclasses import dataclass
 
