@@ -40,13 +40,14 @@ from pipeline.report.tables import (
     modes_table,
     nodes_table,
     overview_table,
-    plus_minus,
     refused_modes_table,
     rejected_table,
     springs_table,
     warnings_table,
 )
-from pipeline.report.wording import between_instants, count_noun, percent, span
+from pipeline.report.wording import between_instants, percent, span
+from pipeline.state.phrases import count_noun
+from pipeline.state.posterior_json import plus_minus
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError

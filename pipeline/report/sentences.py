@@ -14,14 +14,9 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.report.wording import (
-    between_instants,
-    count_noun,
-    join_with_and,
-    percent,
-    period,
-    span,
-)
+from pipeline.report.wording import between_instants, join_with_and, percent, period, span
+from pipeline.state.phrases import count_noun
+from pipeline.state.posterior_json import ratios
 from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
@@ -194,12 +189,6 @@ def _stiffness(record: TurbineRecord, spring: ParameterSummary) -> str:
     true = getattr(truth, spring.name) / spring.nominal
     inside = "inside" if low <= true <= high else "outside"
     return f"{text}. The simulated truth, {true:.3f}, lies {inside}."
-
-
-def ratios(spring: ParameterSummary) -> tuple[float, float, float]:
-    """Median, 5 % and 95 % quantile over nominal [-]; ordered also for a negative nominal."""
-    low, high = sorted((spring.p05 / spring.nominal, spring.p95 / spring.nominal))
-    return spring.median / spring.nominal, low, high
 
 
 def measurement_sentences(record: TurbineRecord) -> list[str]:

@@ -79,11 +79,6 @@ def span(seconds: float) -> str:
     )
 
 
-def count_noun(number: int, noun: str) -> str:
-    """Return "1 window", "2 windows"."""
-    return f"{number} {noun}" + "s" * (number != 1)
-
-
 def percent(share: float) -> str:
     """Return a share with two significant digits: "0.72 %", "9.1 %", "34 %"."""
     value = 100 * abs(share)

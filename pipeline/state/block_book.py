@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 from pipeline.state.json_values import Json
+from pipeline.state.phrases import block_numbers
 
 REPORTED_WITHIN = 5  # blocks after which missing ones are reported: they may be late
 
@@ -153,8 +154,3 @@ class BlockBook:
             "late": len(self.late),
             "lost": self.lost,
         }
-
-
-def block_numbers(first: int, end: int) -> str:
-    """Return "block 3 is" or "blocks 3 to 5 are"."""
-    return f"block {first} is" if end == first + 1 else f"blocks {first} to {end - 1} are"
