@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app import Outputs, build
-from pipeline.deploy.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import ALARMS_KEY, AlarmNode, running_alarm_node
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
@@ -44,6 +43,7 @@ from pipeline.runtime.runner import one_blas_thread, run_lock_step, run_workers
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.runtime.source_feed import Worker
+from pipeline.runtime.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.sources.feed_publisher import FeedAccount
 from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
 from pipeline.sources.sources import Source

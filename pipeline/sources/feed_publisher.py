@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.deploy.watchdog import Watchdog
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.node_thread import STATUS_PERIOD, open_session
 from pipeline.runtime.source_feed import BlockReport, with_end
+from pipeline.runtime.watchdog import Watchdog
 from pipeline.sources.durable_publisher import kept_until_acknowledged
 from pipeline.sources.spool import Spool
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
