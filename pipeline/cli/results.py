@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pipeline.cli.console import escape_markup, output
-from pipeline.state.json_values import Json
 from pipeline.state.phrases import count_noun
+from sensors.json_values import Json
 
 if TYPE_CHECKING:
     from pipeline.messages import FoundationPosterior

@@ -14,10 +14,10 @@ from pipeline.runtime.snapshots import ANSWERS, FOLDER, parsed
 from pipeline.scenario import scenario_from_metadata
 from pipeline.sources.session_files import SESSION_FILE
 from pipeline.state.books import Books
-from pipeline.state.json_values import Json
 from pipeline.state.phrases import count_noun
 from pipeline.updating.checkpoint import CheckpointError
 from sensors.errors import InputError
+from sensors.json_values import Json
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,6 @@ from pipeline.runtime.runner import one_blas_thread
 from pipeline.scenario import Scenario
 from pipeline.sources.recorded_stream import recordings_in
 from pipeline.sources.sources import Source, replayed_with_structure
-from pipeline.state.json_values import Json
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused, SeenWindow, sightings
 from pipeline.updating.prior import PARAMETER_NAMES
@@ -35,6 +34,7 @@ from pipeline.updating.structural.inference import joint_inference, prior_stds
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
+from sensors.json_values import Json
 from sensors.settings import toml_string
 from sensors.structure.calibration import Calibration
 from sensors.structure.description import parse_turbine, turbine_text

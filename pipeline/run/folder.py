@@ -12,8 +12,8 @@ from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.sources.session_files import SESSION_FILE
 from pipeline.sources.sources import Source
-from pipeline.state.json_values import Json
 from sensors.errors import InputError
+from sensors.json_values import Json
 
 logger = logging.getLogger(__name__)
 

@@ -47,12 +47,12 @@ from pipeline.runtime.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.sources.feed_publisher import FeedAccount
 from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
 from pipeline.sources.sources import Source
-from pipeline.state.json_values import Json
 from pipeline.transport.bus import Bus
 from pipeline.transport.zenoh_bus import ZenohBus
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput, require_rerun
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
+from sensors.json_values import Json
 
 
 @dataclass(frozen=True, slots=True)

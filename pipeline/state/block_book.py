@@ -4,8 +4,8 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-from pipeline.state.json_values import Json
 from pipeline.state.phrases import block_numbers
+from sensors.json_values import Json
 
 REPORTED_WITHIN = 5  # blocks after which missing ones are reported: they may be late
 

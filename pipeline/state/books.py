@@ -23,11 +23,11 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.state.block_book import BlockBook
-from pipeline.state.json_values import Json
 from pipeline.state.phrases import block_numbers, codes_in_words, count_noun
 from pipeline.state.turbine_book import TurbineBook, forget_oldest
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.boots import BootCounter
+from sensors.json_values import Json
 
 UNBALANCED = 2  # windows that were answered while books do not balance, after which it is an alarm
 WITHOUT_POSTERIOR = 6  # windows that were answered without a posterior, after which it is an alarm

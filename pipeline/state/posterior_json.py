@@ -5,7 +5,7 @@ from pipeline.messages import (
     FoundationTruth,
     ParameterSummary,
 )
-from pipeline.state.json_values import Json, known
+from sensors.json_values import Json, known
 
 
 def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | None = None) -> Json:

@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, WindowRejected
-from pipeline.state.json_values import Json
 from pipeline.state.phrases import codes_in_words
+from sensors.json_values import Json
 
 MOST_BOOKS = 2000  # boots of units, and windows that are waited for, each; of more the oldest go
 UNANSWERED = 2  # later windows that were answered, after which an estimate counts as forgotten

@@ -8,9 +8,9 @@ from rich.table import Table
 from pipeline.cli.tables.cells import format_value, table_of
 from pipeline.farm.farm import Farm
 from pipeline.messages import FoundationPosterior
-from pipeline.state.json_values import Json
 from pipeline.state.phrases import count_noun, figure_name
 from pipeline.state.posterior_json import ratios
+from sensors.json_values import Json
 
 
 def posterior_table(posterior: Json) -> Table:
