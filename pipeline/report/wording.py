@@ -2,14 +2,7 @@
 
 from datetime import UTC, datetime
 
-from sensors.acquisition.blocks import NANOSECONDS
-
-EARLIEST_CLOCK_NS = 315_532_800 * NANOSECONDS  # 1980-01-01; earlier times have no clock
-
-
-def has_clock(time_ns: int) -> bool:
-    """Return whether a time is one of a clock, not counted from the start of a recording."""
-    return time_ns >= EARLIEST_CLOCK_NS
+from sensors.acquisition.blocks import NANOSECONDS, has_clock
 
 
 def elapsed(time_ns: int) -> str:

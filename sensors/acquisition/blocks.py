@@ -12,6 +12,7 @@ BLOCK_DURATION = 1.0  # of the blocks that feeds and files are cut into [s]
 RATE_TOLERANCE = 1e-3  # between two values of one sampling rate, stated or by stamps, relative
 CLOCK_STEP = 0.5  # of the stamps against the sample count, beyond which the clock was set [s]
 RESTART_SILENCE = 600.0  # a unit that was silent that long begins a new session [s]
+EARLIEST_CLOCK_NS = 315_532_800 * NANOSECONDS  # 1980-01-01; earlier times have no clock
 
 
 class BlockStatus(IntFlag):
@@ -109,3 +110,8 @@ class BlockMark:
     def end_ns(self) -> int:
         """Stamp one sample after the block's last [ns]."""
         return self.start_ns + round(self.n_samples / self.sampling_rate * NANOSECONDS)
+
+
+def has_clock(time_ns: int) -> bool:
+    """Return whether a time is one of a clock, not counted from the start of a recording."""
+    return time_ns >= EARLIEST_CLOCK_NS
