@@ -17,9 +17,9 @@ from importlib.metadata import version
 from pathlib import Path
 
 from pipeline.messages import Message
-from pipeline.recording.atomic_write import written_whole
 from pipeline.streams import STREAMS
 from pipeline.transport.codec import decode, encode
+from sensors.atomic_write import written_whole
 
 STORE_HEADER = b"pilewatch-archive 1\n"
 SUFFIX = ".pw"
