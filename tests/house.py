@@ -1,6 +1,7 @@
 """Figures of the house: `python -m tests.house`.
 
 lines     of code, without docstrings and comments: the product and some of its rooms
+arrows    which room imports which
 chain     the longest chain of imports, by grimp
 passed    product files that a block passes in lock-step, and its moves from file to file: a
           block within a window, and the one that closes a window
@@ -23,7 +24,7 @@ from pipeline.runtime.runner import _dispatch, one_blas_thread
 from pipeline.runtime.source_feed import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
-from tests.test_layout import imports, longest_chain
+from tests.test_layout import arrows_between_rooms, imports, longest_chain
 from tests.test_scenario_keys import settings_keys
 
 ROOT = Path(__file__).parents[1]
@@ -169,6 +170,7 @@ def figures() -> dict[str, Any]:
         "modules": len(imports()),
         "product": total(*TOPS),
         **{room: total(*places) for room, places in ROOMS.items()},
+        "arrows": len(arrows_between_rooms()),
         "chain": len(chain),
         "chain_of": chain,
         "passed": {"plain": _figures(plain), "closing": _figures(closing)},
