@@ -52,8 +52,7 @@ from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
-# What repeats in signs what the colour shows.
-CONDITION_MARKS = {"good": "✓", "doubt": "!", "bad": "✕", "unknown": "?"}
+CONDITION_MARKS = {"good": "✓", "doubt": "!", "bad": "✕", "unknown": "?"}  # as the colour says
 
 KeyFigure = tuple[str, str]  # name, figure
 
