@@ -19,7 +19,7 @@ from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import ModeTracker
-from pipeline.state.turbine_state import without_repeats
+from pipeline.state.repeated_warnings import without_repeats
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError

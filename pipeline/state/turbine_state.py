@@ -1,8 +1,6 @@
 """TurbineState: what is known of one turbine of a run."""
 
-import re
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -21,6 +19,7 @@ from pipeline.messages import (
     same_window,
     without_covariances,
 )
+from pipeline.state.repeated_warnings import without_repeats
 from pipeline.state.run_modes import CombinedMode, combined_modes
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -286,24 +285,3 @@ class TurbineState:
         del items[: len(gone)]
         self.gone[name] += len(gone)
         return gone
-
-
-_NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
-
-
-def without_repeats(warnings: Iterable[QualityWarning]) -> list[QualityWarning]:
-    """Warnings that differ in code, in words or in a figure's first two digits; each as first said.
-
-    Parameters
-    ----------
-    warnings : iterable of QualityWarning
-        In the order in which they are to be read.
-    """
-    kept: dict[tuple[str, str], QualityWarning] = {}
-    for warning in warnings:
-        kept.setdefault((warning.code, _NUMBER.sub(_rounded, warning.text)), warning)
-    return list(kept.values())
-
-
-def _rounded(number: re.Match[str]) -> str:
-    return f"{float(number[0]):.2g}"

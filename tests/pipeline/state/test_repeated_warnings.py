@@ -1,7 +1,7 @@
 """One cause is one line, whatever figures each window gives it."""
 
 from pipeline.messages import QualityWarning
-from pipeline.state.turbine_state import without_repeats
+from pipeline.state.repeated_warnings import without_repeats
 
 
 def _twins(frequency: str, code: str = "twin-modes") -> QualityWarning:
