@@ -25,7 +25,7 @@ from pipeline.scenario import Scenario
 from pipeline.viewer.outputs.outputs import ViewerOutput
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.layout import LayoutError, SensorLayout
-from sensors.structure.bare_mast import bare_mast
+from sensors.structure.description import bare_mast
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,10 +33,6 @@ def settings_from_table(
     error : type[InputError]
         What to raise.
 
-    Returns
-    -------
-    T
-
     Notes
     -----
     Raises `error`, one line, for an unknown or missing key, a value of the wrong type, and whatever

@@ -1,6 +1,7 @@
 """Figures of the house: `python -m tests.house`.
 
 lines     of code, without docstrings and comments: the product and some of its rooms
+arrows    which room imports which
 chain     the longest chain of imports, by grimp
 passed    product files that a block passes in lock-step, and its moves from file to file: a
           block within a window, and the one that closes a window
@@ -12,8 +13,7 @@ import json
 import sys
 import tokenize
 from collections.abc import Callable, Iterator
-from functools import partial
-from itertools import islice
+from functools import cache, partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -24,12 +24,13 @@ from pipeline.runtime.runner import _dispatch, one_blas_thread
 from pipeline.runtime.source_feed import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
-from tests.test_layout import imports, longest_chain
+from tests.test_layout import arrows_between_rooms, imports, longest_chain
 from tests.test_scenario_keys import settings_keys
 
 ROOT = Path(__file__).parents[1]
 RECORDING = ROOT / "recordings" / "parked.mcap"
 FIRST_WINDOW = 700  # blocks after which the first window is closed and drawn upon
+N_MEDIAN = 60  # blocks at the start, of which the median is taken
 MUCH_MORE = 3  # files that the closing of a window passes, over those of a plain block [-]
 TOPS = ("sensors", "pipeline")
 ROOMS = {
@@ -89,6 +90,13 @@ def total(*places: str) -> dict[str, int]:
     }
 
 
+@cache
+def _product_file(name: str) -> str | None:
+    path = Path(name)
+    inside = path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] in TOPS
+    return str(path.relative_to(ROOT)) if inside else None
+
+
 class Passed:
     """What a call of a function passes of the product: files, and moves from one to another."""
 
@@ -98,19 +106,13 @@ class Passed:
 
     def __call__(self, frame: FrameType, event: str, _: Any) -> None:
         """A profile function."""
-        if event != "call" or (file := self._product(frame)) is None:
+        if event != "call" or (file := _product_file(frame.f_code.co_filename)) is None:
             return
         self.files.add(file)
         caller = frame.f_back
-        while caller is not None and self._product(caller) is None:
+        while caller is not None and _product_file(caller.f_code.co_filename) is None:
             caller = caller.f_back
-        self.moves += caller is not None and self._product(caller) != file
-
-    @staticmethod
-    def _product(frame: FrameType) -> str | None:
-        path = Path(frame.f_code.co_filename)
-        inside = path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] in TOPS
-        return str(path.relative_to(ROOT)) if inside else None
+        self.moves += caller is not None and _product_file(caller.f_code.co_filename) != file
 
     def measured(self, call: Callable[[], None]) -> "Passed":
         """After that call."""
@@ -133,19 +135,24 @@ def _passed() -> Iterator[tuple[bool, Passed]]:
             yield isinstance(message, AccelerationBlock), here
 
 
-def passed_within_a_window(n_blocks: int) -> Passed:
-    """What the median block of the first few passes."""
-    blocks = list(islice((passed for is_block, passed in _passed() if is_block), n_blocks))
-    return sorted(blocks, key=lambda passed: passed.moves)[n_blocks // 2]
+def passed_by_first_window() -> tuple[Passed, Passed]:
+    """What the median block of the first minute passes, and the block that closes a window."""
+    plain: list[Passed] = []
+    for is_block, here in _passed():
+        if len(plain) > N_MEDIAN and len(here.files) > MUCH_MORE * len(plain[-1].files):
+            return sorted(plain[:N_MEDIAN], key=lambda passed: passed.moves)[N_MEDIAN // 2], here
+        if is_block:
+            plain.append(here)
+    raise AssertionError("no window was closed")
 
 
-def passed_by_blocks() -> dict[str, dict[str, Any]]:
-    """Of the block before the one that closes the second window, and of that one."""
+def passed_by_second_window() -> tuple[Passed, Passed]:
+    """What a block passes before the one that closes the second window, and that one."""
     n_blocks, plain = 0, Passed()
     for is_block, here in _passed():
         n_blocks += is_block
         if n_blocks > FIRST_WINDOW and len(here.files) > MUCH_MORE * len(plain.files):
-            return {"plain": _figures(plain), "closing": _figures(here)}
+            return plain, here
         plain = here
     raise AssertionError("no window was closed")
 
@@ -157,14 +164,16 @@ def _figures(passed: Passed) -> dict[str, Any]:
 def figures() -> dict[str, Any]:
     """All of them."""
     chain = longest_chain()
+    plain, closing = passed_by_second_window()
     return {
         "keys": len(settings_keys()),
         "modules": len(imports()),
         "product": total(*TOPS),
         **{room: total(*places) for room, places in ROOMS.items()},
+        "arrows": len(arrows_between_rooms()),
         "chain": len(chain),
         "chain_of": chain,
-        "passed": passed_by_blocks(),
+        "passed": {"plain": _figures(plain), "closing": _figures(closing)},
     }
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 12  # in one folder
 MOST_LOOSE = 5  # directly in pipeline/
+MOST_ARROWS = 164  # between rooms
 LONGEST_CHAIN = 22  # of modules that import each other
 FACE = "pipeline.api.pilewatch"  # the library's public face: relative imports, names of its own
 ENTRY_POINTS = {  # run or loaded by name, imported by nothing
@@ -111,6 +112,22 @@ def _siblings(importer: str, imported: str) -> tuple[str, str] | None:
             ).is_dir()
             return (here, there) if both else None
     return None
+
+
+def arrows_between_rooms() -> set[tuple[str, str]]:
+    """Which room imports which: sensors, the loose modules of pipeline, its folders."""
+
+    def room(module: str) -> str:
+        return ".".join(module.split(".")[: 1 if module.startswith("sensors") else 2])
+
+    pairs = {
+        (room(importer), room(other)) for importer, others in imports().items() for other in others
+    }
+    return {(importer, other) for importer, other in pairs if importer != other}
+
+
+def test_rooms_keep_apart() -> None:
+    assert len(arrows_between_rooms()) <= MOST_ARROWS
 
 
 def longest_chain() -> list[str]:

@@ -251,7 +251,6 @@ def sent_again(
 
     Parameters
     ----------
-    part : Part
     first, end : int
         Of its session: the first sample of the range that is looked at, one after its last.
     parts : PartsBySample

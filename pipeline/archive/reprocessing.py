@@ -26,7 +26,7 @@ from pipeline.archive.store import FinishedResults, StoredFrame
 from pipeline.archive.survey import FileSurvey, SurveyCache, surveyed, without_copies
 from pipeline.archive.turbines import archived_turbines
 from pipeline.archive.work import Call, Failed, Workers
-from pipeline.recording.atomic_write import written_whole
+from sensors.atomic_write import written_whole
 from sensors.errors import InputError
 
 FINISHED = ".finished"  # folder of what is kept from run to run, within the results

@@ -15,11 +15,11 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import get_args
 
 from pipeline.messages import Message
-from pipeline.recording.atomic_write import written_whole
-from pipeline.streams import STREAMS
 from pipeline.transport.codec import decode, encode
+from sensors.atomic_write import written_whole
 
 STORE_HEADER = b"pilewatch-archive 1\n"
 SUFFIX = ".pw"
@@ -29,7 +29,7 @@ StoredFrame = tuple[str, bytes]  # what it is, its bytes
 
 _BODY = len(STORE_HEADER) + 4  # offset of what is compressed, behind its checksum [bytes]
 _FRAME_HEAD = struct.Struct(">BI")  # length of the kind, of the bytes
-_TYPES = {stream.message.__name__: stream.message for stream in STREAMS}
+_TYPES = {each.__name__: each for each in get_args(Message)}
 
 
 class FinishedResults:

@@ -28,12 +28,12 @@ from pipeline.archive.access.remote import (
 )
 from pipeline.archive.store import packed, unpacked
 from pipeline.messages import StreamGap
-from pipeline.recording.atomic_write import written_whole
 from pipeline.recording.file_order import Stretch
 from pipeline.recording.info import RecordingInfo, UnitInfo, salvageable_info
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.layout import SensorLayout
+from sensors.atomic_write import written_whole
 from sensors.errors import InputError
 
 logger = logging.getLogger(__name__)

@@ -33,8 +33,8 @@ def calibrate(
     """
     from pipeline.cli.tables.calibration import calibration_table, unknown_lines
     from pipeline.offline.calibrate_turbine import calibrate_turbine
-    from pipeline.recording.atomic_write import written_whole
     from pipeline.updating.structural.periods.calibration import DesignSprings
+    from sensors.atomic_write import written_whole
 
     if out.exists():
         raise InputError(f"{out} exists; -o names another file")

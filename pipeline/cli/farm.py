@@ -29,6 +29,7 @@ from pipeline.cli.console import (
     stop_on_signals,
     zenoh_settings,
 )
+from pipeline.state.phrases import count_noun
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
@@ -245,7 +246,7 @@ def _progress_bars() -> Iterator[Callable[[str, int, int], None]]:
 def _print_report(report: "ArchiveReport", out: Path) -> None:
     text = (
         f"{report.files - len(report.failures)} of {report.files} files, "
-        f"{report.turbines} turbine{'s' * (report.turbines != 1)}: {report.identified} windows "
+        f"{count_noun(report.turbines, 'turbine')}: {report.identified} windows "
         f"identified, {report.rejected} rejected, {report.posteriors} posteriors, "
         f"{report.events} events"
     )

@@ -26,7 +26,7 @@ from pipeline.cli.console import (
     stop_on_signals,
     zenoh_settings,
 )
-from pipeline.cli.tables.cells import count_noun
+from pipeline.state.phrases import count_noun
 from sensors.errors import InputError
 
 SpoolOption = Annotated[

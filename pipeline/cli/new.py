@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pipeline.cli.console import DatesOption, JsonOption, escape_markup, output, print_json, stderr
-from pipeline.cli.tables.cells import count_noun
+from pipeline.state.phrases import count_noun
 from sensors.errors import InputError
 
 if TYPE_CHECKING:

@@ -4,12 +4,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pipeline.cli.console import escape_markup, output
-from pipeline.cli.tables.cells import count_noun
-from pipeline.state.json_values import Json
+from pipeline.state.phrases import count_noun
+from sensors.json_values import Json
 
 if TYPE_CHECKING:
+    from pipeline.messages import FoundationPosterior
     from pipeline.monitoring.summary import SessionSummary
     from pipeline.scenario import Scenario
+    from pipeline.state.turbine_state import TurbineState
     from sensors.acquisition.layout import SensorLayout
 
 PRINTED_PER_CODE = 3  # warnings and rejected windows; all are in summary.json
@@ -36,9 +38,7 @@ def print_results(
     misfits : bool, optional
         Whether to print the misfit of each mode; always printed for an untrusted posterior.
     """
-    from pipeline.cli.tables.modes import identified_modes_table, nearest_modes_table
-    from pipeline.cli.tables.posteriors import figures_tables, misfit_table, posterior_table
-    from pipeline.offline.model_modes import nearest_modes
+    from pipeline.cli.tables.modes import identified_modes_table
 
     identified = figures["windows"]["identified"]
     if summary.main.modes:
@@ -49,18 +49,9 @@ def print_results(
     if not scenario.has_structure:
         output.print("Modes only: the scenario has no structural model.")
     elif summary.main.posterior is None:
-        if summary.main.modes:
-            channels = summary.main.estimates[-1].channels
-            nearest = nearest_modes(summary.main.modes, scenario.structure, layout, channels)
-            output.print(nearest_modes_table(nearest))
-        output.print("[bold]No posterior:[/] no window could be used.")
+        _print_nearest(summary.main, scenario, layout)
     else:
-        for table in (posterior_table(figures["posterior"]), *figures_tables(figures["posterior"])):
-            output.print(table)
-        if misfits or not summary.main.posterior.trusted:
-            output.print(misfit_table(summary.main.posterior))
-        if not summary.main.posterior.trusted:
-            output.print("[bold red]NOT TRUSTED[/]: the data contradict the model.")
+        _print_posterior(summary.main.posterior, figures["posterior"], misfits=misfits)
     for event in figures["events"]:
         output.print(f"[bold]change:[/] {escape_markup(event['text'])}")
         if event["revised"] is not None:
@@ -75,6 +66,29 @@ def print_results(
         for warning in warnings[:PRINTED_PER_CODE]:
             output.print(f"[yellow]{code}[/]: {escape_markup(warning['text'])}")
         _print_rest(warnings, code)
+
+
+def _print_nearest(state: "TurbineState", scenario: "Scenario", layout: "SensorLayout") -> None:
+    """Without a posterior: which of the model's modes those identified are nearest to."""
+    from pipeline.cli.tables.modes import nearest_modes_table
+    from pipeline.offline.model_modes import nearest_modes
+
+    if state.modes:
+        channels = state.estimates[-1].channels
+        nearest = nearest_modes(state.modes, scenario.structure, layout, channels)
+        output.print(nearest_modes_table(nearest))
+    output.print("[bold]No posterior:[/] no window could be used.")
+
+
+def _print_posterior(posterior: "FoundationPosterior", figures: Json, *, misfits: bool) -> None:
+    from pipeline.cli.tables.posteriors import figures_tables, misfit_table, posterior_table
+
+    for table in (posterior_table(figures), *figures_tables(figures)):
+        output.print(table)
+    if misfits or not posterior.trusted:
+        output.print(misfit_table(posterior))
+    if not posterior.trusted:
+        output.print("[bold red]NOT TRUSTED[/]: the data contradict the model.")
 
 
 def _by_code(items: Sequence[Json]) -> dict[str, list[Json]]:

@@ -66,9 +66,9 @@ def metrics(
     out: Annotated[Path, typer.Option(help="Folder of the running session.")] = Path("out"),
 ) -> None:
     """Serve rates, gaps, lag, modes, stiffness and change probability to Prometheus."""
-    from pipeline.monitoring.metrics import MetricsNode, listened, served
+    from pipeline.monitoring.metrics import MetricsNode, served
     from pipeline.monitoring.status import endpoint_of
-    from pipeline.runtime.node_thread import open_session
+    from pipeline.runtime.node_thread import listened, open_session
     from pipeline.transport.zenoh_bus import ZenohBus
 
     where = connect or ([] if zenoh_config else [endpoint_of(out)])

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.deploy.certificates import AUTHORITY, Identity
-from pipeline.state.json_values import Json
 from pipeline.transport.bus import key_part_complaint
 from sensors.errors import InputError
+from sensors.json_values import Json
 
 SHORE = "shore"
 SAYS = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]

@@ -8,9 +8,9 @@ import pyarrow.parquet as pq
 from pipeline.farm.farm import Farm, Interval, PooledTurbine
 from pipeline.farm.settings import FarmError
 from pipeline.messages import ParameterSummary, PooledPosterior
-from pipeline.state.json_values import Json
 from pipeline.state.posterior_json import stiffness_summary
 from pipeline.updating.prior import PARAMETER_NAMES
+from sensors.json_values import Json
 
 
 def pooled_posterior(farm: Farm, turbine: PooledTurbine) -> PooledPosterior:

@@ -8,7 +8,6 @@ listen. Figures that are not known yet are not there, rather than zero.
 
 import logging
 import math
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -17,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 from pipeline.messages import FoundationEvent
 from pipeline.monitoring.state_sink import StateSink
 from pipeline.state.run_state import RunState
-from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.constants import LOOPBACK
 from sensors.errors import InputError
@@ -209,36 +207,6 @@ def _filled(family: Any, values: Iterable[Sample]) -> "Metric":
         if not math.isnan(value):
             family.add_metric(labels, value)
     return family
-
-
-def listened(
-    node: MetricsNode, bus: Bus, stopping: threading.Event, *, where: str, patience: float = 10.0
-) -> None:
-    """Give the node every message until `stopping` is set; log if none comes in time.
-
-    Nothing is published: who may only read may do this.
-
-    Parameters
-    ----------
-    where : str
-        Where a session should be, for the log.
-    patience : float
-        With a session that sends nothing [s].
-    """
-    inbox = Inbox()
-    subscription = bus.subscribe(node.inputs, inbox)
-    deadline = time.monotonic() + patience
-    while not stopping.is_set():
-        message = inbox.get(timeout=0.2)
-        if message is not None:
-            node.handle(message)
-            deadline = math.inf
-        elif time.monotonic() > deadline:
-            deadline = math.inf
-            logger.warning(
-                "no message in %g s from %s: does a session run there? Waiting.", patience, where
-            )
-    subscription.close()
 
 
 @contextmanager

@@ -12,11 +12,11 @@ from pathlib import Path
 from pipeline.messages import FoundationPosterior, StreamGap
 from pipeline.monitoring.state_sink import StateSink
 from pipeline.state.health import NodeHealth, StreamHealth
-from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import posterior_summary
 from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
+from sensors.json_values import Json, known, with_nulls
 
 API = 1  # of the answer: a field may come, none goes or changes its meaning under one number
 STATUS_KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @

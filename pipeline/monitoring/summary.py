@@ -19,11 +19,11 @@ from pipeline.messages import (
 )
 from pipeline.nodes.node import Sink
 from pipeline.nodes.sharding import of_kind
-from pipeline.state.json_values import Json, known, with_nulls
 from pipeline.state.posterior_json import empty_summary, posterior_summary
 from pipeline.state.run_state import RunState
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.json_values import Json, known, with_nulls
 
 KEPT_WINDOWS = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Generic, Protocol, TypeVar
 
 from pipeline.messages import Message, QualityWarning
-from pipeline.nodes.limits import LimitedMembers, LimitSettings, too_many
+from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics, TurbineNode
 
 logger = logging.getLogger(__name__)
@@ -133,3 +133,33 @@ class NodeByTurbine(Generic[N]):
 
     def close(self) -> None:
         """Nothing is held: snapshots are whole after every window."""
+
+
+class LimitedMembers:
+    """Names that messages came from, so many at most.
+
+    When one more comes, the one with the fewest messages goes; of these, the one silent longest.
+    So a flood of new names drives out names of the flood, and none that has sent for a while.
+    """
+
+    def __init__(self, most: int) -> None:
+        self.gone = 0  # names that had to go
+        self._most = most
+        self._heard: dict[str, int] = {}  # by name, the longest silent first
+
+    def heard(self, name: str) -> str | None:
+        """Mark `name` as recently used; return the evicted name, or None."""
+        leaving = None
+        if name not in self._heard and len(self._heard) >= self._most:
+            leaving = min(self._heard, key=self._heard.__getitem__)  # the first of equals
+            del self._heard[leaving]
+            self.gone += 1
+        self._heard[name] = self._heard.pop(name, 0) + 1
+        return leaving
+
+
+def too_many(limit: str, gone: int) -> QualityWarning:
+    """That members had to be let go, and how often."""
+    return QualityWarning(
+        "too-many-turbines", f"more than {limit}: {gone} times the least heard one was let go"
+    )

@@ -1,7 +1,7 @@
 """Identification: acceleration blocks in, one modal estimate a window out.
 
 block ─► which blocks are used ─► a session of the turbine's units ─► windows ─► answers
-         `units/block_admission`  `units/unit_session`, `joined_session`         `_in_context`
+         `units/block_admission`  `units/acquisition_units`, `joined_session`    `_in_context`
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,8 +16,15 @@ from pipeline.messages import (
     rejected_estimate,
     without_covariances,
 )
-from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
-from pipeline.nodes.limits import LimitSettings, too_many
+from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
+from pipeline.nodes.limits import (
+    DEFAULT_LIMITS,
+    CpuClock,
+    CpuLimit,
+    LimitSettings,
+    Refusal,
+    window_refusal,
+)
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog
 from pipeline.nodes.units.acquisition_units import (
@@ -25,23 +32,15 @@ from pipeline.nodes.units.acquisition_units import (
     AcquisitionUnits,
     OpeningBlock,
     OpeningBlocks,
+    UnitSession,
 )
-from pipeline.nodes.units.block_admission import (
-    DEFAULT_LIMITS,
-    NO_LAYOUT,
-    Admission,
-    BlockMark,
-    Refusal,
-    window_refusal,
-)
+from pipeline.nodes.units.block_admission import NO_LAYOUT, Admission
 from pipeline.nodes.units.joined_session import SILENT, JoinedSession
 from pipeline.nodes.units.resuming import IdentificationState, IdentifiedSession, needed_messages
-from pipeline.nodes.units.unit_session import UnitSession
-from pipeline.nodes.window_identification import CpuClock, CpuLimit
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER
-from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
@@ -63,7 +62,6 @@ class TurbineIdentification:
 
     Parameters
     ----------
-    settings : OmaSettings
     compared : bool
         False: a caller that has all windows compares each one's channels with the window's before.
     limits : LimitSettings, optional
@@ -118,8 +116,6 @@ class TurbineIdentification:
                 yield from self._admitted(self.units.named(message.unit), message)
             case StreamEnd():
                 yield from self._ended(self.units.named(message.unit), message)
-
-    # ---- blocks ---------------------------------------------------------------------------------
 
     def _admitted(self, unit: AcquisitionUnit, block: AccelerationBlock) -> Iterator[Message]:
         too_much = window_refusal(block, self._settings.window_duration, self._limits)
@@ -186,8 +182,6 @@ class TurbineIdentification:
         if dropped is not None and dropped.block.unit in self.units.by_name:
             text = "its layout, which would join it with the turbine's other unit, is not known"
             self.units.by_name[dropped.block.unit].admission.refuse(Refusal(NO_LAYOUT, text))
-
-    # ---- sessions -------------------------------------------------------------------------------
 
     def _change_session(self, unit: AcquisitionUnit, opening: OpeningBlock) -> Iterator[Message]:
         """Begin another session, with the blocks that waited for it; where it joins units, with
@@ -273,8 +267,6 @@ class TurbineIdentification:
         yield from session.finish()
         self._of_the_past += NodeStatistics(late=session.late, duplicate=session.duplicate)
 
-    # ---- answers --------------------------------------------------------------------------------
-
     def _in_context(self, answer: Message) -> Message:
         """An estimate with its window's conditions and warnings, or why it is none; other answers
         as they are."""
@@ -299,8 +291,6 @@ class TurbineIdentification:
         if self._session is None:
             return counts
         return counts + NodeStatistics(late=self._session.late, duplicate=self._session.duplicate)
-
-    # ---- restart --------------------------------------------------------------------------------
 
     def snapshot(self) -> NodeSnapshot:
         """The numbers that windows go by; samples are read again from where they are kept."""
@@ -335,7 +325,6 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
 
     Parameters
     ----------
-    settings : OmaSettings, optional
     compared : bool
         See `TurbineIdentification`.
     limits : LimitSettings, optional

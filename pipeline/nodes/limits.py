@@ -1,11 +1,23 @@
-"""What a unit or a turbine may cost, so that none costs the others' windows, and how many of them
-there may be."""
+"""What a unit or a turbine may cost, so that none costs the others' windows, how many of them there
+may be, and which blocks are beyond that."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 
 from pipeline.messages import QualityWarning
+from pipeline.oma.work_limit import WorkLimitExceeded, working_for
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.settings import NO_KEY
+
+CpuClock = Callable[[], float]  # → CPU time of this thread [s]
+
+# Codes of refusals, as they are counted in a NodeStatus.
+TOO_LARGE = "window-too-large"
+TOO_MANY_CHANNELS = "too-many-channels"
+TOO_FAST = "sampled-too-fast"
+TOO_LARGE_BLOCK = "block-too-large"
 
 
 class LimitError(InputError):
@@ -39,31 +51,90 @@ class LimitSettings:
                 raise LimitError(f"[limits] {each.name} is {value:g}; it must be > 0")
 
 
-class LimitedMembers:
-    """Names that messages came from, so many at most.
+DEFAULT_LIMITS = LimitSettings()
 
-    When one more comes, the one with the fewest messages goes; of these, the one silent longest.
-    So a flood of new names drives out names of the flood, and none that has sent for a while.
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a block cannot be used: a stable code, and a sentence for people."""
+
+    code: str
+    text: str
+
+
+def window_refusal(
+    block: AccelerationBlock, duration: float, limits: LimitSettings = DEFAULT_LIMITS
+) -> Refusal | None:
+    """Why a window of such blocks cannot be identified; None where it can.
+
+    Parameters
+    ----------
+    duration : float
+        Of a window [s].
     """
+    n_channels, rate = block.samples.shape[1], block.sampling_rate
+    if n_channels > limits.channels:
+        return Refusal(
+            TOO_MANY_CHANNELS,
+            f"{n_channels} channels; a unit has at most {limits.channels} that are identified "
+            "([limits] channels)",
+        )
+    n_values = duration * rate * n_channels
+    if n_values > limits.window_values:
+        return Refusal(
+            TOO_LARGE,
+            f"a window of {duration:g} s would hold {n_values:.3g} values at {rate:g} Hz; at most "
+            f"{limits.window_values:g} are held ([limits] window_values)",
+        )
+    if rate > limits.sampling_rate:
+        return Refusal(TOO_FAST, f"{rate:g} Hz; at most {limits.sampling_rate:g} Hz are identified")
+    if block.samples.nbytes > 1e6 * limits.block_megabytes:
+        return Refusal(
+            TOO_LARGE_BLOCK,
+            f"a block of {1e-6 * block.samples.nbytes:.1f} MB; at most {limits.block_megabytes:g} "
+            "MB are identified",
+        )
+    return None
 
-    def __init__(self, most: int) -> None:
-        self.gone = 0  # names that had to go
-        self._most = most
-        self._heard: dict[str, int] = {}  # by name, the longest silent first
 
-    def heard(self, name: str) -> str | None:
-        """Mark `name` as recently used; return the evicted name, or None."""
-        leaving = None
-        if name not in self._heard and len(self._heard) >= self._most:
-            leaving = min(self._heard, key=self._heard.__getitem__)  # the first of equals
-            del self._heard[leaving]
-            self.gone += 1
-        self._heard[name] = self._heard.pop(name, 0) + 1
-        return leaving
+@dataclass(frozen=True, slots=True)
+class CpuLimit:
+    """What a window's identification may cost."""
+
+    seconds: float
+    """CPU time [s]."""
+    clock: CpuClock
 
 
-def too_many(limit: str, gone: int) -> QualityWarning:
-    """That members had to be let go, and how often."""
-    return QualityWarning(
-        "too-many-turbines", f"more than {limit}: {gone} times the least heard one was let go"
-    )
+class WindowWork:
+    """What the present window has cost, from the first of its new samples to its answer."""
+
+    def __init__(self, limit: CpuLimit | None) -> None:
+        self._limit = limit
+        self._spent = 0.0
+        self.exceeded = False
+
+    @contextmanager
+    def counted(self) -> Iterator[None]:
+        """Give up what runs inside once the window has cost too much; `exceeded` then."""
+        if self._limit is None or self.exceeded:
+            yield
+            return
+        started = self._limit.clock()
+        try:
+            with working_for(self._limit.seconds - self._spent, self._limit.clock):
+                yield
+        except WorkLimitExceeded:
+            self.exceeded = True
+        self._spent += self._limit.clock() - started
+
+    def refusal(self) -> QualityWarning | None:
+        """Why the window has no answer; the next one begins with nothing spent."""
+        exceeded, self.exceeded, self._spent = self.exceeded, False, 0.0
+        if not exceeded or self._limit is None:
+            return None
+        return QualityWarning(
+            "too-much-work",
+            f"identification took more than {self._limit.seconds:g} s of CPU time and was given "
+            "up ([limits] cpu_seconds): fewer channels, a lower rate or a higher limit are needed",
+        )

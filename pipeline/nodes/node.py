@@ -3,10 +3,9 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol, get_args, runtime_checkable
 
 from pipeline.messages import Message, QualityWarning
-from pipeline.streams import STREAMS
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,7 @@ class Node(Protocol):
 class Sink:
     """What a node has that takes messages, gives none back and counts none."""
 
-    inputs: tuple[type, ...] = tuple(stream.message for stream in STREAMS)
+    inputs: tuple[type, ...] = get_args(Message)
 
     @property
     def statistics(self) -> NodeStatistics:

@@ -74,7 +74,6 @@ class OperationLog:
         ----------
         start_ns, end_ns : int
             Window on the sensors' clock [ns since 1970-01-01 UTC].
-        n_samples : int
 
         Returns
         -------
@@ -107,8 +106,6 @@ def usable_estimate(
 
     Parameters
     ----------
-    estimate : ModalEstimate
-    settings : OperationSettings
     layout : SensorLayout or None
         Of the sensors, along whose axes the model's shapes are read; None: as the estimate says.
     """

@@ -2,8 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +13,7 @@ from pipeline.messages import (
     UnitOrigin,
     WindowRejected,
 )
+from pipeline.nodes.limits import CpuLimit, WindowWork
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.data_quality.rotor_harmonics import turns
 from pipeline.oma.identification import Identification, identify
@@ -32,7 +31,6 @@ from pipeline.oma.windows.unit_clock import (
     text_of_step,
 )
 from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
-from pipeline.oma.work_limit import WorkLimitExceeded, working_for
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -42,7 +40,6 @@ Origins = Callable[[Window], tuple[UnitOrigin, ...]]
 RotorSpeed = Callable[[int, int, int], FloatArray | None]
 """Start and end [ns], number of samples → speed at each sample, (n,) [rpm]; None: unknown."""
 
-CpuClock = Callable[[], float]  # → CPU time of this thread [s]
 
 MOST_CLOCK_STEPS = 8  # of joined units' clocks that are reported with a window
 
@@ -54,49 +51,6 @@ def no_origins(_: Window) -> tuple[UnitOrigin, ...]:
 
 def unknown_speed(*_: int) -> None:
     """Of a rotor whose speed is not reported."""
-
-
-@dataclass(frozen=True, slots=True)
-class CpuLimit:
-    """What a window's identification may cost."""
-
-    seconds: float
-    """CPU time [s]."""
-    clock: CpuClock
-
-
-class _Work:
-    """What the present window has cost, from the first of its new samples to its answer."""
-
-    def __init__(self, limit: CpuLimit | None) -> None:
-        self._limit = limit
-        self._spent = 0.0
-        self.exceeded = False
-
-    @contextmanager
-    def counted(self) -> Iterator[None]:
-        """Give up what runs inside once the window has cost too much; `exceeded` then."""
-        if self._limit is None or self.exceeded:
-            yield
-            return
-        started = self._limit.clock()
-        try:
-            with working_for(self._limit.seconds - self._spent, self._limit.clock):
-                yield
-        except WorkLimitExceeded:
-            self.exceeded = True
-        self._spent += self._limit.clock() - started
-
-    def refusal(self) -> QualityWarning | None:
-        """Why the window has no answer; the next one begins with nothing spent."""
-        exceeded, self.exceeded, self._spent = self.exceeded, False, 0.0
-        if not exceeded or self._limit is None:
-            return None
-        return QualityWarning(
-            "too-much-work",
-            f"identification took more than {self._limit.seconds:g} s of CPU time and was given "
-            "up ([limits] cpu_seconds): fewer channels, a lower rate or a higher limit are needed",
-        )
 
 
 class WindowIdentification:
@@ -120,7 +74,7 @@ class WindowIdentification:
         rotor_speed: RotorSpeed = unknown_speed,
         limit: CpuLimit | None = None,
     ):
-        self._work = _Work(limit)
+        self._work = WindowWork(limit)
         self._turbine, self._unit = turbine, unit
         self._origins_of = origins
         self._rotor_speed_of = rotor_speed

@@ -14,9 +14,10 @@ from pipeline.runtime.snapshots import ANSWERS, FOLDER, parsed
 from pipeline.scenario import scenario_from_metadata
 from pipeline.sources.session_files import SESSION_FILE
 from pipeline.state.books import Books
-from pipeline.state.json_values import Json
+from pipeline.state.phrases import count_noun
 from pipeline.updating.checkpoint import CheckpointError
 from sensors.errors import InputError
+from sensors.json_values import Json
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class Audit:
         """The result in one line."""
         found = len(self.violations)
         verdict = "the books balance" if not found else f"{found} violations"
-        files = f"{self.n_files} file" + "s" * (self.n_files != 1)
+        files = count_noun(self.n_files, "file")
         return f"{self.folder}: {verdict}; {files}, {self.books.line}"
 
     def as_json(self) -> Json:

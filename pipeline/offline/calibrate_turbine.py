@@ -19,7 +19,6 @@ from pipeline.runtime.runner import one_blas_thread
 from pipeline.scenario import Scenario
 from pipeline.sources.recorded_stream import recordings_in
 from pipeline.sources.sources import Source, replayed_with_structure
-from pipeline.state.json_values import Json
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused, SeenWindow, sightings
 from pipeline.updating.prior import PARAMETER_NAMES
@@ -32,9 +31,10 @@ from pipeline.updating.structural.periods.calibration import (
     calibration_of,
     evidence_by_level,
 )
-from pipeline.updating.structural.refresh import joint_refresh
+from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
+from sensors.json_values import Json
 from sensors.settings import toml_string
 from sensors.structure.calibration import Calibration
 from sensors.structure.description import parse_turbine, turbine_text
@@ -167,24 +167,7 @@ def _calibrated(
     whole, levels = evidence_by_level(windows, empty)
     generator = np.random.default_rng(source.scenario.seed)
     found = joint_refresh(inference, whole, (), generator, guards=settings.guards)
-    if found is None or found.refusal is not None:
-        reason = (
-            "no mode has a partner"
-            if found is None or found.refusal is None
-            else found.refusal.text
-        )
-        raise InputError(f"{files[0]}: the modes are not this structure's: {reason}")
-    if found.best.fit.is_rough:
-        raise InputError(
-            f"{files[0]}: the modes miss the description by more than its figures explain; correct "
-            "the description first (`pilewatch update` reports the misfit of every mode)"
-        )
-    if found.fault is not None:
-        raise InputError(
-            f"{files[0]}: a sensor is not as its layout states ({found.fault.text}); correct the "
-            "layout first"
-        )
-    alternatives = calibrated(found.result, levels)
+    alternatives = calibrated(_as_described(found, files[0]).result, levels)
     if not alternatives:
         raise InputError(f"{files[0]}: the windows of single water levels pair no mode")
     names = ", ".join(file.name for file in files)
@@ -204,6 +187,28 @@ def _calibrated(
         level_known=any(window.level_known for window in windows),
         text=with_section(description_text(source.scenario), calibration),
     )
+
+
+def _as_described(found: JointRefresh | None, file: Path) -> JointRefresh:
+    """Raises InputError where the modes, or a sensor, are not as the description has them."""
+    if found is None or found.refusal is not None:
+        reason = (
+            "no mode has a partner"
+            if found is None or found.refusal is None
+            else found.refusal.text
+        )
+        raise InputError(f"{file}: the modes are not this structure's: {reason}")
+    if found.best.fit.is_rough:
+        raise InputError(
+            f"{file}: the modes miss the description by more than its figures explain; correct "
+            "the description first (`pilewatch update` reports the misfit of every mode)"
+        )
+    if found.fault is not None:
+        raise InputError(
+            f"{file}: a sensor is not as its layout states ({found.fault.text}); correct the "
+            "layout first"
+        )
+    return found
 
 
 def _windows(sources: Sequence[Source], water_level: float) -> tuple[list[SeenWindow], int]:

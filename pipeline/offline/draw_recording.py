@@ -14,7 +14,7 @@ from pipeline.viewer.outputs.viewer_process import viewer_command
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
-from sensors.structure.bare_mast import bare_mast
+from sensors.structure.description import bare_mast
 
 
 def draw_recording(

@@ -13,9 +13,9 @@ from pipeline.recording.reader import read_messages
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
+from sensors.files.conditions import with_rotor_speed_apart
 from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
-from sensors.files.rotor_speed import with_rotor_speed_apart
 from sensors.files.table import EVERYTHING, ChannelTable, DateOrder, FileError, dated
 
 JOINING = 5.0  # waiting time for a missing unit [s]

@@ -147,10 +147,6 @@ def nearest_modes(
         Of the sensors that measured.
     channels : sequence of str
         Of the shapes' components, in their order.
-
-    Returns
-    -------
-    list of NearestMode
     """
     model = ModalModel(structure, layout)
     at_nominal = model.modal(model.nominal[None])

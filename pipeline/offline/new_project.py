@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.scenario import NO_STRUCTURE, scenario_from_text
+from pipeline.offline.project_texts import layout_text, scenario_text, structure_text
+from pipeline.scenario import NO_STRUCTURE, Scenario, scenario_from_text
 from pipeline.sources.import_files import Measurement, open_measurement, record_measurement
-from pipeline.updating.prior import Prior
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
@@ -26,34 +26,20 @@ from sensors.files.formats import channels_in
 from sensors.files.layout_file import parse_layout
 from sensors.files.table import (
     EVERYTHING,
-    UNSTATED,
     ChannelTable,
     DateOrder,
     FileError,
     TimeColumn,
 )
-from sensors.settings import toml_string
-from sensors.structure.decks.bmodes import read_bmodes
-from sensors.structure.decks.elastodyn import read_elastodyn
-from sensors.structure.decks.toml_text import description_toml
-from sensors.structure.decks.windio import read_windio
-from sensors.structure.description import (
-    SHIPPED,
-    TurbineDescription,
-    load_turbine,
-    turbine_text,
-)
 from sensors.structure.foundation import FoundationSprings
 
 _log = logging.getLogger(__name__)
 
-YAML = (".yaml", ".yml")  # of WindIO
-DAT, BMI = ".dat", ".bmi"  # of ElastoDyn, of BModes
+LAYOUT_FILE, SCENARIO_FILE = "layout.toml", "scenario.toml"
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 LOWEST_RATE = 0.2  # of samples that can show a tower's or a floater's motion [Hz]
 SLOWER = 0.9  # of the values of others: a channel below has a lower sampling rate [-]
 LONGEST_SCADA_STEP = 3600 * NANOSECONDS  # of a controller's means [ns]
-WINDOW = 600.0  # length of an identified window, unless the record is shorter [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,61 +112,39 @@ def start_project(
     place : callable, optional
         Guess of a channel whose name lacks height or axis → where it was; None: as guessed.
 
-    Returns
-    -------
-    NewProject
-
     Raises
     ------
     InputError
         If a file cannot be read, the folder holds such a project already, or the description
         cannot be read.
     """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"-o {folder} is a file; a folder is needed")
-    layout_file, scenario_file = folder / "layout.toml", folder / "scenario.toml"
-    for path in (layout_file, scenario_file):
-        if path.exists():
-            raise InputError(f"{path} exists; choose another folder with -o")
+    _require_no_project(folder)
     described = structure_text(structure, subdyn, springs, mudline)
     turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
     time = TimeColumn(dates=dates, zone=zone)
     table = channels_in(files[0], None, replace(EVERYTHING, time=time))
     columns, left_out = choose_channels(table, str(files[0]))
-    channels = guess_channels(table.only(columns).names)
-    if place is not None:
-        channels = tuple(each if each.known else place(each) for each in channels)
-    unknown = [each.name for each in channels if not each.known]
-    if unknown and structure != NO_STRUCTURE:
-        raise InputError(
-            f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
-            "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
-        )
-    measurement = _measurement(files, channels, turbine, sampling_rate, time)
-    if measurement.sampling_rate < LOWEST_RATE:
-        raise InputError(
-            f"{files[0]}: a value every {1 / measurement.sampling_rate:g} s is a mean, no motion; "
-            f"modes need samples, at least {LOWEST_RATE:g} a second"
-        )
-    n_samples, span_ns, unused = _survey(measurement)
-    if n_samples < measurement.sampling_rate:
-        listed = ", ".join(str(file) for file in files)
-        raise InputError(f"{listed}: less than 1 s of samples that are not NaN; nothing to watch")
-    if unused:
-        left_out += unused
-        gone = {each.name for each in unused}
+    channels = _placed(table.only(columns).names, place)
+    if structure != NO_STRUCTURE:
+        _require_places(channels)
+
+    def opened(channels: Sequence[GuessedChannel]) -> Measurement:
+        layout = parse_layout(layout_text(channels, turbine, time), LAYOUT_FILE)
+        return open_measurement(files, layout=layout, turbine=turbine, sampling_rate=sampling_rate)
+
+    measurement = opened(channels)
+    survey = _surveyed(files, measurement)
+    left_out += survey.unused
+    if survey.unused:
+        gone = {each.name for each in survey.unused}
         channels = tuple(each for each in channels if each.name not in gone)
-        measurement = _measurement(files, channels, turbine, sampling_rate, time)
-    of_controller, read = _controller_samples(scada, turbine, time, span_ns)
+        measurement = opened(channels)
+    of_controller, read = _controller_samples(scada, turbine, time, survey.span_ns)
     folder.mkdir(parents=True, exist_ok=True)
-    layout_file.write_text(layout_text(channels, turbine, time), encoding="utf-8")
+    (folder / LAYOUT_FILE).write_text(layout_text(channels, turbine, time), encoding="utf-8")
     named = structure if described is None else STRUCTURE_FILE
-    text = scenario_text(turbine, named, n_samples / measurement.sampling_rate)
-    scenario = scenario_from_text(text, str(scenario_file))
-    scenario_file.write_text(text, encoding="utf-8")
-    if described is not None:
-        (folder / STRUCTURE_FILE).write_text(described, encoding="utf-8")
-        scenario = replace(scenario, files=((STRUCTURE_FILE, described),))
+    text = scenario_text(turbine, named, survey.n_samples / measurement.sampling_rate)
+    scenario = _written_scenario(folder, text, described)
     recording = folder / "recordings" / f"{turbine}.mcap"
     recording.parent.mkdir(exist_ok=True)
     known = condition_channels(*_names_and_units(table, left_out))
@@ -195,8 +159,26 @@ def start_project(
         left_out,
         tuple(each.name for each in known.values() if conditions) + read,
         named,
-        span_ns,
+        survey.span_ns,
     )
+
+
+def _require_no_project(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"-o {folder} is a file; a folder is needed")
+    for path in (folder / LAYOUT_FILE, folder / SCENARIO_FILE):
+        if path.exists():
+            raise InputError(f"{path} exists; choose another folder with -o")
+
+
+def _written_scenario(folder: Path, text: str, described: str | None) -> Scenario:
+    """Write the scenario, and the description that goes with it, unless it is a shipped one."""
+    scenario = scenario_from_text(text, str(folder / SCENARIO_FILE))
+    (folder / SCENARIO_FILE).write_text(text, encoding="utf-8")
+    if described is None:
+        return scenario
+    (folder / STRUCTURE_FILE).write_text(described, encoding="utf-8")
+    return replace(scenario, files=((STRUCTURE_FILE, described),))
 
 
 def choose_channels(
@@ -224,20 +206,51 @@ def choose_channels(
     return [column for column in columns if column not in others], left_out
 
 
-def _measurement(
-    files: Sequence[Path],
-    channels: Sequence[GuessedChannel],
-    turbine: str,
-    sampling_rate: float | None,
-    time: TimeColumn,
-) -> Measurement:
-    layout = parse_layout(layout_text(channels, turbine, time), "layout.toml")
-    return open_measurement(files, layout=layout, turbine=turbine, sampling_rate=sampling_rate)
+def _placed(
+    names: Sequence[str], place: Callable[[GuessedChannel], GuessedChannel] | None
+) -> tuple[GuessedChannel, ...]:
+    channels = guess_channels(names)
+    if place is None:
+        return channels
+    return tuple(each if each.known else place(each) for each in channels)
 
 
-def _survey(measurement: Measurement) -> tuple[int, tuple[int, int], tuple[UnusedChannel, ...]]:
-    """Return the number of samples, the record's begin and end [ns], and the channels that cannot
-    be used: those that never change, and those that are sampled more slowly than others."""
+def _require_places(channels: Sequence[GuessedChannel]) -> None:
+    """Raises InputError where a structural model could not be compared with a channel."""
+    unknown = [each.name for each in channels if not each.known]
+    if unknown:
+        raise InputError(
+            f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
+            "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Survey:
+    """What a measurement holds."""
+
+    n_samples: int
+    span_ns: tuple[int, int]
+    """Begin and end [ns]."""
+    unused: tuple[UnusedChannel, ...]
+    """Channels that never change, and those that are sampled more slowly than others."""
+
+
+def _surveyed(files: Sequence[Path], measurement: Measurement) -> _Survey:
+    """Raises InputError for a measurement that shows no motion."""
+    if measurement.sampling_rate < LOWEST_RATE:
+        raise InputError(
+            f"{files[0]}: a value every {1 / measurement.sampling_rate:g} s is a mean, no motion; "
+            f"modes need samples, at least {LOWEST_RATE:g} a second"
+        )
+    survey = _survey(measurement)
+    if survey.n_samples < measurement.sampling_rate:
+        listed = ", ".join(str(file) for file in files)
+        raise InputError(f"{listed}: less than 1 s of samples that are not NaN; nothing to watch")
+    return survey
+
+
+def _survey(measurement: Measurement) -> _Survey:
     count, start_ns, end_ns = 0, 0, 0
     lowest = np.full(len(measurement.layout.channels), np.inf)
     highest = -lowest
@@ -258,7 +271,7 @@ def _survey(measurement: Measurement) -> tuple[int, tuple[int, int], tuple[Unuse
         elif each < SLOWER * present.max() and abs(count / each - every) < 1 - SLOWER:
             rate = measurement.sampling_rate / every
             unused.append(UnusedChannel(name, f"a value in every {every} rows: {rate:g} Hz"))
-    return count, (start_ns, end_ns), tuple(unused if len(unused) < len(present) else ())
+    return _Survey(count, (start_ns, end_ns), tuple(unused if len(unused) < len(present) else ()))
 
 
 def _controller_samples(
@@ -316,97 +329,3 @@ def _conditions(
     except FileError as error:
         _log.warning("no SCADA samples: %s", error)
         return ()
-
-
-def structure_text(
-    structure: str,
-    subdyn: Path | None = None,
-    springs: FoundationSprings | None = None,
-    mudline: float | None = None,
-) -> str | None:
-    """Return the description that goes into a project's folder; None for a shipped one or none.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or another program's comes without springs.
-    """
-    is_deck = structure.endswith((DAT, BMI, *YAML))
-    if (subdyn or springs or mudline is not None) and not is_deck:
-        raise InputError(
-            "--subdyn, --springs and --mudline are for --structure NAME_ElastoDyn.dat, NAME.yaml "
-            "and NAME.bmi"
-        )
-    if is_deck:
-        if springs is None:
-            raise InputError(
-                f"{structure} has no springs of the mudline: give --springs k11,k22,k12 "
-                "[N/m, N·m/rad, N/rad]"
-            )
-        return description_toml(_of_deck(Path(structure), springs, subdyn, mudline))
-    if structure == NO_STRUCTURE:
-        return None
-    Prior(load_turbine(structure).foundation.stiffness)  # raises where these cannot be updated
-    return None if structure in SHIPPED else turbine_text(structure)
-
-
-def _of_deck(
-    path: Path, springs: FoundationSprings, subdyn: Path | None, mudline: float | None
-) -> TurbineDescription:
-    """The turbine of another program's file."""
-    if subdyn is not None and path.suffix != DAT:
-        raise InputError(f"--subdyn is for --structure NAME_ElastoDyn.dat, not for {path}")
-    if mudline is not None and path.suffix == DAT:
-        raise InputError(f"--mudline is for NAME.yaml and NAME.bmi, not for {path}")
-    if path.suffix == DAT:
-        return read_elastodyn(path, springs, subdyn=subdyn)
-    if path.suffix == BMI:
-        return read_bmodes(path, springs, mudline=mudline)
-    return read_windio(path, springs, mudline=mudline)
-
-
-def layout_text(
-    channels: Sequence[GuessedChannel], turbine: str, time: TimeColumn = UNSTATED
-) -> str:
-    """The layout file of guessed channels, each with what it was read from."""
-    lines = [
-        "# Axes: x downwind (fore-aft), y to the side (side-side), z up from mean water level.",
-        "# What was guessed stands beside each channel; correct it and run `pilewatch import`.",
-        f"turbine = {toml_string(turbine)}",
-    ]
-    for each in channels:
-        direction = ", ".join(f"{value:g}" for value in each.direction)
-        lines += [
-            "",
-            f"[[channels]]  # {each.reason}",
-            f"name = {toml_string(each.name)}",
-            f"elevation = {each.elevation:.6g}" + ("" if each.height_known else "  # place only"),
-            f"direction = [{direction}]",
-        ]
-    stated = {"dates": time.dates, "zone": time.zone}
-    if any(stated.values()):
-        lines += ["", "[time]", *(f"{k} = {toml_string(v)}" for k, v in stated.items() if v)]
-    return "\n".join(lines) + "\n"
-
-
-def scenario_text(turbine: str, structure: str, duration: float) -> str:
-    """The scenario of a new project; a record shorter than a window is one window.
-
-    Parameters
-    ----------
-    turbine : str
-        Its id.
-    structure : str
-        Its description, or "none".
-    duration : float
-        Length of the record [s].
-    """
-    text = (
-        f"title = {toml_string(f'Measurements of {turbine}')}\n\n"
-        f"[turbine]\nid = {toml_string(turbine)}\n"
-        f"description = {toml_string(structure)}\n"
-    )
-    if duration >= WINDOW:
-        return text
-    window = int(duration)
-    return f"{text}\n[oma]\nwindow_duration = {window}.0  # the record [s]\nhop = {window}.0\n"

@@ -12,13 +12,13 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 
-from pipeline.recording.atomic_write import sync_folder
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import MCAP_MAGIC, complete_records, open_recording
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.atomic_write import sync_folder
 from sensors.constants import DAY
 
 logger = logging.getLogger(__name__)

@@ -21,6 +21,7 @@ from pipeline.messages import (
     StreamEnd,
 )
 from pipeline.nodes.node import NodeStatistics
+from pipeline.recording.acknowledgement import Acknowledgements
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.latest_messages import Repetition, latest_payloads
 from pipeline.recording.mcap_file import counted_in_summary
@@ -35,9 +36,8 @@ from pipeline.recording.rotation import (
 )
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
-from pipeline.state.acknowledgement import Acknowledgements
-from pipeline.state.arrival_clocks import ArrivalClocks
 from pipeline.streams import key_of, stream_of
+from pipeline.transport.arrival_clocks import ArrivalClocks
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout

@@ -26,8 +26,8 @@ from pipeline.report.pictures.axes import (
     time_axis,
 )
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.report.sentences import ratios
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
+from pipeline.state.posterior_json import ratios
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.scene import Deflection, deflection

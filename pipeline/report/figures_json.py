@@ -3,8 +3,8 @@
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
 from pipeline.report.sentences import condition, findings, headline, reasons_for_distrust
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks
-from pipeline.state.json_values import Json, known
 from pipeline.state.posterior_json import stiffness_summary
+from sensors.json_values import Json, known
 
 
 def session_json(session: RecordedSession) -> Json:

@@ -10,6 +10,9 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from pipeline.report.canvas import css_colour
+from pipeline.viewer.pictures import colours
+
 PAGE_STYLE = """
 :root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif; }
 body { max-width: 62rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
@@ -48,6 +51,22 @@ pre { overflow-x: auto; font-size: .8rem; }
 """
 
 _NO_ICON = '<link rel="icon" href="data:,">'  # else a browser requests one
+REPORT_STYLE = f"""
+.verdict {{ font-size: 1.25rem; padding: .5rem .75rem; border-left: .4rem solid; }}
+.good {{ border-color: {css_colour(colours.TRUTH)}; }}
+.doubt {{ border-color: {css_colour(colours.MODEL)}; }}
+.bad {{ border-color: {css_colour(colours.FAULT)}; }}
+.unknown {{ border-color: {css_colour(colours.NEUTRAL)}; }}
+.cards {{ display: grid; gap: .75rem; grid-template-columns: repeat(auto-fit, minmax(10.5rem, 1fr));
+  margin: 1rem 0; }}
+.cards div {{ border: 1px solid #8886; border-radius: .4rem; padding: .5rem .75rem; }}
+.cards dt {{ font-size: .875rem; opacity: .8; }}
+.cards dd {{ margin: 0; white-space: nowrap; font-size: 1.15rem;
+  font-variant-numeric: tabular-nums; }}
+.pair {{ display: grid; gap: 0 1.5rem; align-items: start;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 24rem), 1fr)); }}
+.pair figure {{ max-width: 36rem; }}
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,12 +8,9 @@ import html
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from pipeline.messages import FoundationPosterior
 from pipeline.report import figures
-from pipeline.report.canvas import css_colour
 from pipeline.report.html import (
+    REPORT_STYLE,
     TextTable,
     bullet_list,
     document,
@@ -26,12 +23,14 @@ from pipeline.report.html import (
 from pipeline.report.pictures import identification, operation
 from pipeline.report.recorded_session import RecordedSession, TurbineRecord
 from pipeline.report.sentences import (
+    axis_words,
     condition,
     findings,
     headline,
     reasons_for_distrust,
     revised_sentence,
     sentence,
+    structure_sentence,
 )
 from pipeline.report.tables import (
     channels_table,
@@ -41,40 +40,19 @@ from pipeline.report.tables import (
     modes_table,
     nodes_table,
     overview_table,
-    plus_minus,
     refused_modes_table,
     rejected_table,
     springs_table,
     warnings_table,
 )
-from pipeline.report.wording import between_instants, count_noun, percent, span
+from pipeline.report.wording import between_instants, percent, span
+from pipeline.state.phrases import count_noun
+from pipeline.state.posterior_json import plus_minus
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
-from pipeline.viewer.pictures import colours
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
-REPORT_STYLE = f"""
-.verdict {{ font-size: 1.25rem; padding: .5rem .75rem; border-left: .4rem solid; }}
-.good {{ border-color: {css_colour(colours.TRUTH)}; }}
-.doubt {{ border-color: {css_colour(colours.MODEL)}; }}
-.bad {{ border-color: {css_colour(colours.FAULT)}; }}
-.unknown {{ border-color: {css_colour(colours.NEUTRAL)}; }}
-.cards {{ display: grid; gap: .75rem; grid-template-columns: repeat(auto-fit, minmax(10.5rem, 1fr));
-  margin: 1rem 0; }}
-.cards div {{ border: 1px solid #8886; border-radius: .4rem; padding: .5rem .75rem; }}
-.cards dt {{ font-size: .875rem; opacity: .8; }}
-.cards dd {{ margin: 0; white-space: nowrap; font-size: 1.15rem;
-  font-variant-numeric: tabular-nums; }}
-.pair {{ display: grid; gap: 0 1.5rem; align-items: start;
-  grid-template-columns: repeat(auto-fit, minmax(min(100%, 24rem), 1fr)); }}
-.pair figure {{ max-width: 36rem; }}
-"""
-CONDITION_MARKS = {
-    "good": "✓",
-    "doubt": "!",
-    "bad": "✕",
-    "unknown": "?",
-}  # repeats what the colour shows
+CONDITION_MARKS = {"good": "✓", "doubt": "!", "bad": "✕", "unknown": "?"}  # as the colour says
 
 KeyFigure = tuple[str, str]  # name, figure
 
@@ -183,28 +161,6 @@ def _cards(cards: Sequence[KeyFigure]) -> str:
     return f'<dl class="cards">{items}</dl>\n'
 
 
-def structure_sentence(posterior: FoundationPosterior) -> str:
-    """How the structure was taken, and what makes the intervals."""
-    if posterior.structure != "uncertain":
-        return (
-            "The structure is taken as exactly known, as its scenario has it: its errors are not "
-            "in these intervals."
-        )
-    parts = [
-        f"{each.name.replace('_', ' ')} ({100 * each.k11:.0f}, {100 * each.k22:.0f} and "
-        f"{100 * each.k12:.0f} %)"
-        for each in posterior.budget[:4]
-    ]
-    alternatives = ", ".join(
-        f"{each.name}: {percent(each.probability)}" for each in posterior.alternatives
-    )
-    return (
-        f"The structure's figures are inferred with the springs ({alternatives}). Shares of the "
-        f"variance of k11, k22 and k12: {'; '.join(parts)}. "
-        f"{percent(posterior.unpredicted_share)} of the modes are not what the others predict."
-    )
-
-
 def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, level: int) -> str:
     posterior = record.state.posterior
     if posterior is None:
@@ -290,7 +246,7 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
         (
             figures.mode_shapes(record),
             "Mode shapes",
-            f"Identified mode shapes at the sensors, largest component 1{_axis_words(record)}.",
+            f"Identified mode shapes at the sensors, largest component 1{axis_words(record)}.",
         ),
     )
     legend = []
@@ -374,16 +330,6 @@ def _operation(record: TurbineRecord, name: str, level: int) -> str:
     )
     drawn = _pair(pictures, f"{name}-operation")
     return heading("Over time and operation", level) + drawn if drawn else ""
-
-
-def _axis_words(record: TurbineRecord) -> str:
-    """Return which line is which axis, of the axes that sensors have; "" where it is one."""
-    x, y = ("fore-aft (x)", "side-side (y)") if record.has_structure else ("along x", "along y")
-    layout = record.layout
-    lines = (f"{x} solid", f"{y} dashed", "along z dotted")
-    seen = np.ones(3, dtype=bool) if layout is None else np.any(layout.directions, axis=0)
-    present = [line for line, each in zip(lines, seen, strict=True) if each]
-    return f": {', '.join(present)}" if len(present) > 1 else ""
 
 
 def _frequency_captions(record: TurbineRecord) -> tuple[str, str]:

@@ -20,12 +20,12 @@ from pipeline.recording.writer import Metadata
 from pipeline.report.pictures.samples import SignalRecord
 from pipeline.scenario import Scenario, scenario_from_metadata
 from pipeline.sources.session_files import session_files, unfinished_files
-from pipeline.state.json_values import Json
 from pipeline.state.run_state import RunState
 from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PriorSettings
 from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.errors import InputError
+from sensors.json_values import Json
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,8 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,
@@ -12,14 +14,9 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.report.wording import (
-    between_instants,
-    count_noun,
-    join_with_and,
-    percent,
-    period,
-    span,
-)
+from pipeline.report.wording import between_instants, join_with_and, percent, period, span
+from pipeline.state.phrases import count_noun
+from pipeline.state.posterior_json import ratios
 from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
@@ -194,12 +191,6 @@ def _stiffness(record: TurbineRecord, spring: ParameterSummary) -> str:
     return f"{text}. The simulated truth, {true:.3f}, lies {inside}."
 
 
-def ratios(spring: ParameterSummary) -> tuple[float, float, float]:
-    """Median, 5 % and 95 % quantile over nominal [-]; ordered also for a negative nominal."""
-    low, high = sorted((spring.p05 / spring.nominal, spring.p95 / spring.nominal))
-    return spring.median / spring.nominal, low, high
-
-
 def measurement_sentences(record: TurbineRecord) -> list[str]:
     """Return sentences on what was measured, what was used and what is missing."""
     return [
@@ -296,3 +287,35 @@ def _why_no_posterior(record: TurbineRecord) -> str:
 def sentence(text: str) -> str:
     """Return the text with a capital letter and a full stop."""
     return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else ".")
+
+
+def structure_sentence(posterior: FoundationPosterior) -> str:
+    """How the structure was taken, and what makes the intervals."""
+    if posterior.structure != "uncertain":
+        return (
+            "The structure is taken as exactly known, as its scenario has it: its errors are not "
+            "in these intervals."
+        )
+    parts = [
+        f"{each.name.replace('_', ' ')} ({100 * each.k11:.0f}, {100 * each.k22:.0f} and "
+        f"{100 * each.k12:.0f} %)"
+        for each in posterior.budget[:4]
+    ]
+    alternatives = ", ".join(
+        f"{each.name}: {percent(each.probability)}" for each in posterior.alternatives
+    )
+    return (
+        f"The structure's figures are inferred with the springs ({alternatives}). Shares of the "
+        f"variance of k11, k22 and k12: {'; '.join(parts)}. "
+        f"{percent(posterior.unpredicted_share)} of the modes are not what the others predict."
+    )
+
+
+def axis_words(record: TurbineRecord) -> str:
+    """Return which line is which axis, of the axes that sensors have; "" where it is one."""
+    x, y = ("fore-aft (x)", "side-side (y)") if record.has_structure else ("along x", "along y")
+    layout = record.layout
+    lines = (f"{x} solid", f"{y} dashed", "along z dotted")
+    seen = np.ones(3, dtype=bool) if layout is None else np.any(layout.directions, axis=0)
+    present = [line for line, each in zip(lines, seen, strict=True) if each]
+    return f": {', '.join(present)}" if len(present) > 1 else ""

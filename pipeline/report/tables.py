@@ -1,16 +1,16 @@
 """Tables of a report: springs, modes, changes, rejected windows, warnings."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from pipeline.messages import FoundationEvent, RefusedMode, WindowRejected
 from pipeline.report.figures import heights_known
 from pipeline.report.html import TextTable
 from pipeline.report.pictures.samples import FLAT_SHARE, ChannelStatistics
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.report.sentences import headline, ratios
+from pipeline.report.sentences import headline
 from pipeline.report.wording import percent, span, stamp
-from pipeline.state.posterior_json import figure_name
+from pipeline.state.phrases import figure_name
+from pipeline.state.posterior_json import plus_minus, ratios
 from pipeline.state.run_modes import CombinedMode
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
@@ -236,12 +236,6 @@ def _overview_row(record: TurbineRecord) -> tuple[str, ...]:
         springs = [plus_minus(posterior.parameter(name)) for name in PARAMETER_NAMES]
     windows, changes = len(record.state.estimates), len(record.state.events)
     return (record.turbine, *springs, str(windows), str(changes), headline(record))
-
-
-def plus_minus(spring: Any) -> str:
-    """Return "1.003 ± 0.007": median and half the 90 % interval, over nominal."""
-    median, low, high = ratios(spring)
-    return f"{median:.3f} ± {(high - low) / 2:.3f}"
 
 
 def _left_out(number: int) -> str:

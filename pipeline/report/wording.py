@@ -2,14 +2,7 @@
 
 from datetime import UTC, datetime
 
-from sensors.acquisition.blocks import NANOSECONDS
-
-EARLIEST_CLOCK_NS = 315_532_800 * NANOSECONDS  # 1980-01-01; earlier times have no clock
-
-
-def has_clock(time_ns: int) -> bool:
-    """Return whether a time is one of a clock, not counted from the start of a recording."""
-    return time_ns >= EARLIEST_CLOCK_NS
+from sensors.acquisition.blocks import NANOSECONDS, has_clock
 
 
 def elapsed(time_ns: int) -> str:
@@ -77,11 +70,6 @@ def span(seconds: float) -> str:
         if days == 0
         else (f"{days} d {hours} h")
     )
-
-
-def count_noun(number: int, noun: str) -> str:
-    """Return "1 window", "2 windows"."""
-    return f"{number} {noun}" + "s" * (number != 1)
 
 
 def percent(share: float) -> str:

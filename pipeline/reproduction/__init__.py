@@ -5,8 +5,7 @@
     paper           the publication's own figures
     study           seeds and sign conventions, in two processes
     findings        what agrees, what differs and why, in sentences computed from the run
-    figures         Figure 3 as a corner plot
-    page            report.md, report.html, table1.csv, table2.csv
+    page            report.md, report.html, table1.csv, table2.csv, Figure 3 as a corner plot
 
 Source: "Estimating the foundation parameters of offshore wind turbines through Bayesian model
 updating", [foundation-updating].

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
-from pipeline.reproduction.density import PublishedDensity
 from pipeline.reproduction.deterministic import Descent, ModalObjective, deterministic_update
 from pipeline.reproduction.paper import LABELS, SAMPLES
 from pipeline.scenario import Scenario, load_scenario, with_overrides
 from pipeline.sources.sources import simulated_tower
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import SeenWindow, sightings
+from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
@@ -29,8 +29,8 @@ from pipeline.updating.likelihood.likelihood import (
 )
 from pipeline.updating.likelihood.pairing import Pairing, PairingSettings
 from pipeline.updating.model_matching import Matcher, laplace_peak
-from pipeline.updating.prior import Prior, UpdatingError
-from pipeline.updating.samplers.interface import LogDensity, PosteriorDraws
+from pipeline.updating.prior import Prior, UpdatingError, log_prior_volume, modal_where_supported
+from pipeline.updating.samplers.interface import LogDensity, Peak, PosteriorDraws, Target
 from pipeline.updating.samplers.tmcmc import (
     CorrectedTmcmc,
     PublishedSettings,
@@ -50,6 +50,59 @@ KEPT_DRAWS = 20_000  # of each posterior, for figures
 PUBLISHED_STAGES, CORRECTED_EVALUATIONS = 13, 28
 PREPARED = 0.06  # share of a run's time until the posteriors begin
 ShareReport = Callable[[float], None]  # called with the share of a run that is done [-]
+
+
+class PublishedDensity:
+    """log p(d | r, σ) under a uniform prior, for any sampler."""
+
+    def __init__(self, likelihood: ModalLikelihood, forward: ForwardModel, prior: Prior) -> None:
+        """Keep the likelihood, the model and the prior.
+
+        Parameters
+        ----------
+        likelihood : ModalLikelihood
+            Errors η, their variances and the reference of σ.
+        forward : ForwardModel
+            Model of the compared modes, in the order of the likelihood.
+        """
+        self._likelihood = likelihood
+        self._forward = forward
+        self._prior = prior
+        self._variances = np.diag(likelihood.measurement_covariance)
+        self._log_volume = log_prior_volume(prior) + float(np.log(prior.settings.highest_sigma))
+
+    def __call__(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return log densities, −inf outside the prior, and σ at points of shape (n, 4)."""
+        sigma = points[:, 3]
+        inside = np.flatnonzero((sigma >= 0) & (sigma <= self._prior.settings.highest_sigma))
+        supported, modes = modal_where_supported(self._forward, self._prior, points[inside, :3])
+        density = np.full(len(points), -np.inf)
+        if modes is not None:
+            rows = inside[supported]
+            variances = self._variances + np.outer(sigma[rows] ** 2, self._likelihood.reference)
+            errors = self._likelihood.errors(modes)
+            values = -0.5 * (errors**2 / variances + np.log(variances)).sum(axis=1)
+            density[rows] = np.where(np.isfinite(values), values, -np.inf)
+        return density, sigma
+
+    def prior_draws(self, n: int, generator: np.random.Generator) -> FloatArray:
+        """Draw from the prior, shape (n, 4)."""
+        sigma = generator.uniform(0.0, self._prior.settings.highest_sigma, size=n)
+        return np.column_stack([self._prior.draws(n, generator), sigma])
+
+    def target(self, peak: Peak) -> Target:
+        """Return the target of a sampler.
+
+        Parameters
+        ----------
+        peak : Peak
+            Peak of the density in the three ratios.
+        """
+        start = self._prior.settings.highest_sigma / 4
+        covariance = np.zeros((4, 4))
+        covariance[:3, :3], covariance[3, 3] = peak.covariance, start**2
+        joint = Peak(np.append(peak.ratios, start), covariance)
+        return Target(self, self.prior_draws, self._log_volume, joint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,10 +181,6 @@ def run_example(
         Of TMCMC as published; the corrected one needs fewer.
     report : callable, optional
         Called with the share that is done [-].
-
-    Returns
-    -------
-    Example
 
     Raises
     ------

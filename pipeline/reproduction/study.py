@@ -61,10 +61,6 @@ def run_study(
     report : callable, optional
         Called every second or so with how many runs are done, fractions included.
 
-    Returns
-    -------
-    Study
-
     Raises
     ------
     UpdatingError

@@ -5,15 +5,15 @@ import logging
 from datetime import UTC, datetime
 from pathlib import Path
 
-from pipeline.recording.atomic_write import make_folder_durably, written_whole
 from pipeline.recording.rotation import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.sources.session_files import SESSION_FILE
 from pipeline.sources.sources import Source
-from pipeline.state.json_values import Json
+from sensors.atomic_write import make_folder_durably, written_whole
 from sensors.errors import InputError
+from sensors.json_values import Json
 
 logger = logging.getLogger(__name__)
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app import Outputs, build
-from pipeline.deploy.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import ALARMS_KEY, AlarmNode, running_alarm_node
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
@@ -44,15 +43,16 @@ from pipeline.runtime.runner import one_blas_thread, run_lock_step, run_workers
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.runtime.source_feed import Worker
+from pipeline.runtime.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.sources.feed_publisher import FeedAccount
 from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
 from pipeline.sources.sources import Source
-from pipeline.state.json_values import Json
 from pipeline.transport.bus import Bus
 from pipeline.transport.zenoh_bus import ZenohBus
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput, require_rerun
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
+from sensors.json_values import Json
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,34 +122,33 @@ def _run_owned(
         if report:
             report(block)
 
-    sinks: list[Node] = [summary]
     try:
         with ExitStack() as stack:
-            if notified():
-                sinks.append(WatchdogNode(Watchdog(os.environ)))
-            figures_node = None if options.metrics is None else MetricsNode()
-            if figures_node is not None and options.metrics is not None:
-                stack.enter_context(served(figures_node, options.metrics))
-                sinks.append(figures_node)
-            if options.notices is not None:
-                channels = channels_of(options.notices)
-                alarms = stack.enter_context(
-                    running_alarm_node(
-                        options.out / NOTICES,
-                        options.notices.notices,
-                        channels,
-                        options.notices.heartbeat,
-                    )
-                )
-                if figures_node is not None:
-                    figures_node.parts.append(lambda: delivery_families(alarms.delivery_states))
-                sinks.append(alarms)
+            sinks = (summary, *_sinks_beside(options, stack))
             _run(source, options, outputs, sinks, account, scenario_option, stopping, ownership)
     finally:
         figures = summary.as_json(wall=time.monotonic() - started)
         complete = write_summary(options.out / SUMMARY, figures)
     files = tuple(options.out / name for name in (RECORDING, PICTURES, SUMMARY))
     return FinishedRun(summary, figures, tuple(path for path in files if path.exists()), complete)
+
+
+def _sinks_beside(options: SessionOptions, stack: ExitStack) -> Iterator[Node]:
+    """Watchdog, metrics and alarms, as the options ask for them; open until the stack closes."""
+    if notified():
+        yield WatchdogNode(Watchdog(os.environ))
+    figures_node = None if options.metrics is None else MetricsNode()
+    if figures_node is not None and options.metrics is not None:
+        stack.enter_context(served(figures_node, options.metrics))
+        yield figures_node
+    if options.notices is not None:
+        settings, channels = options.notices, channels_of(options.notices)
+        folder = options.out / NOTICES
+        running = running_alarm_node(folder, settings.notices, channels, settings.heartbeat)
+        alarms = stack.enter_context(running)
+        if figures_node is not None:
+            figures_node.parts.append(lambda: delivery_families(alarms.delivery_states))
+        yield alarms
 
 
 def session_outputs(
@@ -199,8 +198,7 @@ def _run(
             raise InputError("--lock-step cannot run a live source: it waits for nobody")
         nodes = [*(plan.make() for plan in graph), *sinks]
         messages = source.messages(options.speed, stopping)
-        run_lock_step(messages, nodes, turbine=turbine, report=report)
-        return
+        return run_lock_step(messages, nodes, turbine=turbine, report=report)
     meeting = meeting_point(options.zenoh)
 
     def open_bus() -> Bus:
@@ -212,14 +210,13 @@ def _run(
     # The hub first: a port that is taken is reported before a node has started a file.
     with open_hub(meeting, status, f"{STATUS_KEY}/{turbine}", options.out) as bus:
         workers: list[Worker] = []
-        for plan in graph:
-            if options.way == "processes":
+        if options.way == "processes":
+            held = (ownership.descriptor,)
+            for plan in graph:
                 command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
-                workers += processes(
-                    plan, command, options.shards, inherited=(ownership.descriptor,)
-                )
-            else:
-                workers.append(NodeThread(plan.make(), open_bus, turbine))
+                workers += processes(plan, command, options.shards, inherited=held)
+        else:
+            workers += [NodeThread(plan.make(), open_bus, turbine) for plan in graph]
         workers += [NodeThread(each, open_bus, turbine) for each in (*sinks, status)]
         for told in sinks:
             if isinstance(told, AlarmNode):

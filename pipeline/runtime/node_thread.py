@@ -1,6 +1,7 @@
 """A node served in a thread: its messages in, its answers and statuses out."""
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -153,3 +154,33 @@ def open_session(open_bus: Callable[[], Bus]) -> Iterator[Bus]:
         yield bus
     finally:
         bus.close()
+
+
+def listened(
+    node: Node, bus: Bus, stopping: threading.Event, *, where: str, patience: float = 10.0
+) -> None:
+    """Give a sink every message until `stopping` is set; log if none comes in time.
+
+    Nothing is published: who may only read may do this.
+
+    Parameters
+    ----------
+    where : str
+        Where a session should be, for the log.
+    patience : float
+        With a session that sends nothing [s].
+    """
+    inbox = Inbox()
+    subscription = bus.subscribe(node.inputs, inbox)
+    deadline = time.monotonic() + patience
+    while not stopping.is_set():
+        message = inbox.get(timeout=0.2)
+        if message is not None:
+            node.handle(message)
+            deadline = math.inf
+        elif time.monotonic() > deadline:
+            deadline = math.inf
+            logger.warning(
+                "no message in %g s from %s: does a session run there? Waiting.", patience, where
+            )
+    subscription.close()

@@ -28,7 +28,6 @@ from pipeline.messages import (
 from pipeline.nodes.node import NodeSnapshot
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
-from pipeline.recording.atomic_write import make_folder_durably, written_whole
 from pipeline.recording.latest_messages import latest_messages
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
@@ -36,6 +35,7 @@ from pipeline.updating.checkpoint import CheckpointError
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
+from sensors.atomic_write import make_folder_durably, written_whole
 
 logger = logging.getLogger(__name__)
 
@@ -64,7 +64,6 @@ class SnapshotFolder:
 
     Parameters
     ----------
-    path : Path
     node : str
         Whose they are; it stands in their names.
     epoch : int

@@ -12,10 +12,10 @@ from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.flow_control import Credit, Quiet, is_drained
 from pipeline.runtime.node_thread import STOPPED_WITHIN
-from pipeline.state.block_book import Intervals
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.boots import BootCounter
+from sensors.intervals import Intervals
 
 START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports for seconds
 FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]

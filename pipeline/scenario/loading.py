@@ -34,10 +34,6 @@ def shipped_scenarios() -> tuple[str, ...]:
 def load_scenario(name_or_path: str) -> Scenario:
     """Return a shipped scenario by name, or one's own by path.
 
-    Returns
-    -------
-    Scenario
-
     Raises
     ------
     ScenarioError
@@ -127,10 +123,6 @@ def with_overrides(
 def with_sampler(scenario: Scenario, method: str) -> Scenario:
     """Return the scenario with another sampler of the posterior.
 
-    Returns
-    -------
-    Scenario
-
     Raises
     ------
     UpdatingError
@@ -211,10 +203,6 @@ def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario
         What `scenario_metadata` returned.
     origin : str
         Where it is stored, for errors.
-
-    Returns
-    -------
-    Scenario
 
     Raises
     ------

@@ -36,8 +36,6 @@ class DurablePublisher:
 
     Parameters
     ----------
-    bus : Bus
-    spool : Spool
     clock : callable, optional
         → [s], never set back.
     """
@@ -193,7 +191,6 @@ def kept_until_acknowledged(
 
     Parameters
     ----------
-    bus : Bus
     spool : Spool or None
         Is closed in the end.
     warnings : callable, optional

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.deploy.watchdog import Watchdog
 from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
 from pipeline.nodes.statistics import message_counts
 from pipeline.runtime.node_thread import STATUS_PERIOD, open_session
 from pipeline.runtime.source_feed import BlockReport, with_end
+from pipeline.runtime.watchdog import Watchdog
 from pipeline.sources.durable_publisher import kept_until_acknowledged
 from pipeline.sources.spool import Spool
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
@@ -81,10 +81,6 @@ def publish_feed(
     spool : Spool, optional
         Keeps blocks until a shore station has them, and is closed in the end.
 
-    Returns
-    -------
-    FeedResult
-
     Raises
     ------
     FeedError
@@ -121,10 +117,6 @@ def channels_of(
         Whose sensors they are.
     turbine : str, optional
         Its name; None: as layout or scenario have it.
-
-    Returns
-    -------
-    LayoutFile
 
     Raises
     ------
@@ -167,10 +159,6 @@ def feed_source(
         What is made of them; None: modes are tracked, nothing is updated.
     state : Path, optional
         Folder in which it is remembered how far the source was published.
-
-    Returns
-    -------
-    Source
 
     Raises
     ------

@@ -53,10 +53,6 @@ class Measurement:
     def blocks(self) -> Iterator[AccelerationBlock]:
         """Yield the samples as an acquisition unit would have sent them.
 
-        Yields
-        ------
-        AccelerationBlock
-
         Raises
         ------
         FileError
@@ -98,10 +94,6 @@ def open_measurement(
         "package.module:function" that gives SEP005 channels; None: by the suffixes.
     dates : {"day-first", "month-first"}, optional
         What comes first in dates such as 3/4/2024; None: as the layout states.
-
-    Returns
-    -------
-    Measurement
 
     Raises
     ------
@@ -222,10 +214,6 @@ def imported_source(
         Where the import is written, beside earlier ones.
     layout : Path, optional
         Where the file's channels were.
-
-    Returns
-    -------
-    str
 
     Notes
     -----

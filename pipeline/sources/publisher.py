@@ -43,10 +43,6 @@ def publish_source(
         Keeps blocks until a shore station has them, and is closed in the end; None: what the
         transport keeps in memory has to do.
 
-    Returns
-    -------
-    int
-
     Raises
     ------
     SourceError

@@ -23,10 +23,6 @@ def recordings_in(path: Path) -> list[Path]:
 
     Files of one boot of a unit follow its count of samples, whatever its clock says.
 
-    Returns
-    -------
-    list[Path]
-
     Raises
     ------
     SourceError

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 
 from pipeline.messages import Message
 from pipeline.sources.recorded_source import RecordedSource, due_of
-from pipeline.state.json_values import Json
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
+from sensors.json_values import Json
 
 if TYPE_CHECKING:
     from pipeline.sources.sources import Source

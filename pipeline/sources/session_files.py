@@ -18,10 +18,6 @@ def session_files(path: Path) -> list[Path]:
         A file, which is then the only one; a folder: of the session in it, or, where there is
         none, every recording in it.
 
-    Returns
-    -------
-    list[Path]
-
     Raises
     ------
     SourceError

@@ -116,10 +116,6 @@ class Source:
             1 is real time; infinity never waits.
         stopping : threading.Event, optional
             Ends the waiting when set.
-
-        Yields
-        ------
-        Message
         """
         pace = Pace(speed, MonotonicClock(stopping or threading.Event()))
         if self.truth is not None:
@@ -128,10 +124,6 @@ class Source:
 
     def with_sampler(self, method: str | None) -> "Source":
         """Return the same under another sampler of the posterior; None: the scenario's.
-
-        Returns
-        -------
-        Source
 
         Raises
         ------
@@ -144,10 +136,6 @@ class Source:
 
     def with_playback(self, playback: Playback) -> "Source":
         """Return a part of the same replay, or several rounds of it.
-
-        Returns
-        -------
-        Source
 
         Raises
         ------
@@ -205,10 +193,6 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
         None: replay the recording that comes with the project.
     scenario : str, optional
         Name or path; None: the recording's own, the simulated one, or modes only.
-
-    Returns
-    -------
-    Source
 
     Raises
     ------

@@ -22,11 +22,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from pipeline.messages import RecordedUntil
-from pipeline.recording.atomic_write import make_folder_durably, sync_folder
-from pipeline.state.acknowledgement import SessionKey
+from pipeline.recording.acknowledgement import SessionKey
 from pipeline.transport.codec import LARGEST_PAYLOAD, decode
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.blocks import AccelerationBlock
+from sensors.atomic_write import make_folder_durably, sync_folder
 from sensors.errors import InputError
 
 logger = logging.getLogger(__name__)
@@ -115,7 +115,6 @@ class Spool:
 
         Parameters
         ----------
-        block : AccelerationBlock
         payload : bytes
             The block as it is sent.
         now : float

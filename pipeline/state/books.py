@@ -22,11 +22,12 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.state.block_book import BlockBook, block_numbers
-from pipeline.state.json_values import Json
-from pipeline.state.turbine_book import TurbineBook, codes_in_words, forget_oldest
+from pipeline.state.block_book import BlockBook
+from pipeline.state.phrases import block_numbers, codes_in_words, count_noun
+from pipeline.state.turbine_book import TurbineBook, forget_oldest
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.boots import BootCounter
+from sensors.json_values import Json
 
 UNBALANCED = 2  # windows that were answered while books do not balance, after which it is an alarm
 WITHOUT_POSTERIOR = 6  # windows that were answered without a posterior, after which it is an alarm
@@ -229,11 +230,11 @@ class Books:
         """The books in one line."""
         blocks = [book for book in self._blocks.values() if book.recorded]
         books = self._turbines.values()
-        boots = f"{len(blocks)} boot" + "s" * (len(blocks) != 1)
         refused = sum(self._refused.values(), Counter[str]())
         unused = f", {refused.total()} not used ({codes_in_words(refused)})" if refused else ""
         return (
-            f"{sum(len(each.recorded) for each in blocks)} blocks of {boots} recorded, "
+            f"{sum(len(each.recorded) for each in blocks)} blocks of "
+            f"{count_noun(len(blocks), 'boot')} recorded, "
             f"{sum(each.lost for each in blocks)} lost{unused}; "
             f"{sum(each.identified for each in books)} windows identified, "
             f"{sum(each.rejected.total() for each in books)} rejected; "

@@ -1,7 +1,11 @@
 """A posterior in the figures of `summary.json`: ratios to nominal, the truth where it is known."""
 
-from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
-from pipeline.state.json_values import Json, known
+from pipeline.messages import (
+    FoundationPosterior,
+    FoundationTruth,
+    ParameterSummary,
+)
+from sensors.json_values import Json, known
 
 
 def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | None = None) -> Json:
@@ -45,15 +49,15 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
 
 def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -> Json:
     """One stiffness in its unit and as ratios to nominal. truth: in the same unit."""
-    ratios = sorted(each / parameter.nominal for each in (parameter.p05, parameter.p95))
+    median, low, high = ratios(parameter)
     return {
         "unit": parameter.unit,
         "median": parameter.median,
         "p05": parameter.p05,
         "p95": parameter.p95,
-        "ratio_median": parameter.median / parameter.nominal,
-        "ratio_p05": ratios[0],
-        "ratio_p95": ratios[1],
+        "ratio_median": median,
+        "ratio_p05": low,
+        "ratio_p95": high,
         "truth_ratio": None if truth is None else truth / parameter.nominal,
     }
 
@@ -81,6 +85,13 @@ def empty_summary() -> Json:
     return summary
 
 
-def figure_name(name: str) -> str:
-    """Return a figure's key in words: "RNA mass", "gain z80-fa"."""
-    return name.replace("_", " ").replace("rna ", "RNA ")
+def ratios(spring: ParameterSummary) -> tuple[float, float, float]:
+    """Median, 5 % and 95 % quantile over nominal [-]; ordered also for a negative nominal."""
+    low, high = sorted((spring.p05 / spring.nominal, spring.p95 / spring.nominal))
+    return spring.median / spring.nominal, low, high
+
+
+def plus_minus(spring: ParameterSummary) -> str:
+    """Return "1.003 ± 0.007": median and half the 90 % interval, over nominal."""
+    median, low, high = ratios(spring)
+    return f"{median:.3f} ± {(high - low) / 2:.3f}"

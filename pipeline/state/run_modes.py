@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
 from pipeline.modal_assurance import modal_assurance_criterion
-from pipeline.state.json_values import Json, known
+from sensors.json_values import Json, known
 
 
 @dataclass(frozen=True, slots=True, eq=False)

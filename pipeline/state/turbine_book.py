@@ -5,7 +5,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, WindowRejected
-from pipeline.state.json_values import Json
+from pipeline.state.phrases import codes_in_words
+from sensors.json_values import Json
 
 MOST_BOOKS = 2000  # boots of units, and windows that are waited for, each; of more the oldest go
 UNANSWERED = 2  # later windows that were answered, after which an estimate counts as forgotten
@@ -62,7 +63,6 @@ class TurbineBook:
 
         Parameters
         ----------
-        estimate : ModalEstimate
         updated : bool
             Whether an updating has been heard of.
         awaited : bool
@@ -189,11 +189,6 @@ def _key(message: ModalEstimate | WindowRejected | FoundationPosterior) -> Windo
     if isinstance(message, FoundationPosterior):
         return ("ends", message.time_ns)
     return ("lies", message.start_ns, message.end_ns)
-
-
-def codes_in_words(codes: Counter[str]) -> str:
-    """How often each code, the most frequent first."""
-    return ", ".join(f"{count} × {code}" for code, count in codes.most_common()) or "none"
 
 
 def forget_oldest(table: dict[Any, Any]) -> None:

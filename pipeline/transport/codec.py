@@ -1,8 +1,8 @@
 """Messages to bytes and back, by the schema in proto/pilewatch.proto.
 
 The schema's messages carry the names and fields of the Python types, so one walk over the fields
-serves them all. A new message needs its type, its entry in the schema and its line in the table
-of streams; nothing here.
+serves them all. A new message needs its type, its entry in the schema, its line in the table
+of streams and its check; nothing here.
 """
 
 import operator

@@ -13,8 +13,8 @@ from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import ModalLikelihood
 from pipeline.updating.model_matching import Match, Matcher, partners_in_water
 from pipeline.updating.population import StiffnessPopulation
-from pipeline.updating.prior import Prior, modal_where_supported
-from pipeline.updating.samplers.interface import Peak, PosteriorDraws, Target, log_prior_volume
+from pipeline.updating.prior import Prior, log_prior_volume, modal_where_supported
+from pipeline.updating.samplers.interface import Peak, PosteriorDraws, Target
 from pipeline.updating.samplers.registry import sampler_of
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
@@ -88,8 +88,6 @@ class ExactInference:
     ----------
     forward : ForwardModel
         The structure at the layout's sensors.
-    prior : Prior
-    settings : UpdatingSettings
     seed : int
         The scenario's.
     population : StiffnessPopulation, optional

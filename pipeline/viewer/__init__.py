@@ -3,10 +3,9 @@
     viewer_node       the node
     rerun_stream      one recording stream, with a view of every turbine
     turbine_view      one turbine, message by message; with signal_view, mode_view
-    blueprint, farm_tab, view_parameters
+    blueprint, view_parameters
                       tabs, views, axes, and what they depend on
-    update_rates, known_layouts
-                      how often drawings are sent; the sensor layouts they refer to
+    update_rates      how often drawings are sent
     pictures/         what is drawn, computed without Rerun
     drawing/          what is drawn, as Rerun entities; one function a picture
     outputs/          files, viewers, a page for browsers, and the thread that draws

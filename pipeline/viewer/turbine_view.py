@@ -20,7 +20,6 @@ from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
 from pipeline.viewer.drawing.entities import FARM, at, turbine_path
-from pipeline.viewer.known_layouts import KnownLayouts
 from pipeline.viewer.mode_view import ModeView
 from pipeline.viewer.pictures.pile import pile_picture
 from pipeline.viewer.pictures.scene import outline
@@ -33,7 +32,7 @@ from pipeline.viewer.pictures.status_text import (
     gap_text,
     posterior_text,
 )
-from pipeline.viewer.signal_view import FaultyChannels, SignalView
+from pipeline.viewer.signal_view import FaultyChannels, KnownLayouts, SignalView
 from pipeline.viewer.update_rates import UpdateRates
 from pipeline.viewer.view_parameters import ViewParameters
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock

@@ -1,6 +1,6 @@
 """AccelerationBlock: one block of one acquisition unit, all its channels on one clock."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import IntFlag
 
@@ -12,6 +12,7 @@ BLOCK_DURATION = 1.0  # of the blocks that feeds and files are cut into [s]
 RATE_TOLERANCE = 1e-3  # between two values of one sampling rate, stated or by stamps, relative
 CLOCK_STEP = 0.5  # of the stamps against the sample count, beyond which the clock was set [s]
 RESTART_SILENCE = 600.0  # a unit that was silent that long begins a new session [s]
+EARLIEST_CLOCK_NS = 315_532_800 * NANOSECONDS  # 1980-01-01; earlier times have no clock
 
 
 class BlockStatus(IntFlag):
@@ -53,23 +54,64 @@ class AccelerationBlock:
         return self.start_ns + round(self.duration * NANOSECONDS)
 
 
-def parts_of(block: AccelerationBlock, most_samples: int) -> Iterator[AccelerationBlock]:
-    """Yield a block in parts of so many samples at most, each with the block's number.
+def parts_of(block: AccelerationBlock, most_samples: int) -> Iterable[AccelerationBlock]:
+    """Return a block in parts of so many samples at most, each with the block's number.
 
     Parameters
     ----------
-    block : AccelerationBlock
     most_samples : int
         At least 1.
     """
     if len(block.samples) <= most_samples:
-        yield block
-        return
-    for first in range(0, len(block.samples), most_samples):
-        since_ns = round(first / block.sampling_rate * NANOSECONDS)
-        yield replace(
+        return (block,)
+    return (
+        replace(
             block,
             samples=block.samples[first : first + most_samples],
             first_sample=block.first_sample + first,
-            start_ns=block.start_ns + since_ns,
+            start_ns=block.start_ns + round(first / block.sampling_rate * NANOSECONDS),
         )
+        for first in range(0, len(block.samples), most_samples)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class BlockMark:
+    """A block without its samples."""
+
+    session: str
+    sequence: int
+    first_sample: int
+    n_samples: int
+    start_ns: int
+    sampling_rate: float
+    """[Hz]"""
+    n_channels: int
+
+    @classmethod
+    def of(cls, block: AccelerationBlock) -> "BlockMark":
+        """The mark of a block."""
+        return cls(
+            block.session,
+            block.sequence,
+            block.first_sample,
+            len(block.samples),
+            block.start_ns,
+            block.sampling_rate,
+            block.samples.shape[1],
+        )
+
+    @property
+    def next_sample(self) -> int:
+        """One after the block's last."""
+        return self.first_sample + self.n_samples
+
+    @property
+    def end_ns(self) -> int:
+        """Stamp one sample after the block's last [ns]."""
+        return self.start_ns + round(self.n_samples / self.sampling_rate * NANOSECONDS)
+
+
+def has_clock(time_ns: int) -> bool:
+    """Return whether a time is one of a clock, not counted from the start of a recording."""
+    return time_ns >= EARLIEST_CLOCK_NS

@@ -37,7 +37,6 @@ class BootCounter:
 
         Parameters
         ----------
-        block : AccelerationBlock
         repeats : bool
             Whether a block of that number has come in the present boot.
         """
@@ -66,7 +65,6 @@ class BootCounter:
 
         Parameters
         ----------
-        sequence : int
         time_ns : int
             By the unit's clock [ns].
         """

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.arrays import ComplexArray, FloatArray
-from sensors.dynamics.structure_modes import ObservedModes, StructureModes
+from sensors.dynamics.simulated_modes import ObservedModes, StructureModes
 from sensors.structure.foundation import TurbineError
 from sensors.structure.structural_model import StructuralModel
 
@@ -73,10 +73,6 @@ def damped_system(
     ----------
     dampers : ndarray, optional, shape (n_dofs, n_dofs)
         Added to the modal damping [N·s/m]; None: none, shapes stay real.
-
-    Returns
-    -------
-    DampedSystem
 
     Raises
     ------

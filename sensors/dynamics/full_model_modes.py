@@ -69,10 +69,6 @@ def full_modes(
     highest_frequency : float, optional
         Highest frequency [Hz].
 
-    Returns
-    -------
-    FullModes
-
     Raises
     ------
     TurbineError

@@ -93,10 +93,6 @@ class _ReducedGroup:
         ----------
         springs : ndarray, shape (n, 2, 2)
             S.
-
-        Returns
-        -------
-        tuple[ndarray, ndarray]
         """
         found = self.solver.modes(springs)
         places = followed_by_overlap((found.coordinates @ self.overlap.T).swapaxes(1, 2) ** 2)
@@ -292,10 +288,6 @@ class ModalModel:
         damping : ArrayLike, optional, shape (n_modes,)
             ζ to attach, one or [-].
 
-        Returns
-        -------
-        ModalParameters
-
         Notes
         -----
         Rows that are not admissible hold NaN.
@@ -345,10 +337,6 @@ class ModalModel:
 
     def following(self, theta_reference: ArrayLike) -> "ModalModel":
         """Return the same modes, followed by overlap from another θ, (3,), than the present one.
-
-        Returns
-        -------
-        ModalModel
 
         Raises
         ------

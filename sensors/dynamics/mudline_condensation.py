@@ -153,10 +153,6 @@ class MudlineCondensation:
         ----------
         springs : ndarray, shape (n, 2, 2)
             S, positive definite and strong enough to hold the structure.
-
-        Returns
-        -------
-        SpringModes
         """
         roots = self._enclosed(_entries(self._unscale @ springs @ self._unscale.T))
         self._converge(roots)

@@ -30,10 +30,6 @@ def modes_in_water(
     frequencies : ndarray, shape (n_modes,)
         Frequencies of these modes at that θ [Hz].
 
-    Returns
-    -------
-    tuple[ndarray, ndarray]
-
     Notes
     -----
     The basis is that of the modes V and of the static responses to a force on each degree of

@@ -15,8 +15,7 @@ from sensors.feeds.live import LiveFeed, batches
 from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
 from sensors.feeds.opcua.nodes import SeenVariable
 from sensors.feeds.opcua.opcua_feed import OpcUaFeed
-from sensors.feeds.opcua.scada_values import ScadaValueReader
-from sensors.feeds.opcua.values import ValueReader
+from sensors.feeds.opcua.values import ScadaValueReader, ValueReader
 from sensors.feeds.payloads.scada import ScadaReader
 from sensors.feeds.position import FeedPosition, position_file
 from sensors.feeds.protocol import Arrival, Feed, FeedCounts, FeedError

@@ -78,10 +78,6 @@ def open_file(
 ) -> tuple[MeasurementFile, ChannelTable]:
     """Return a file and its first chunk.
 
-    Returns
-    -------
-    tuple[MeasurementFile, ChannelTable]
-
     Raises
     ------
     FileError
@@ -98,10 +94,6 @@ def open_file(
 
 def sort_by_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
     """Files that begin one after the other, with the same channels at the same rate.
-
-    Returns
-    -------
-    list[MeasurementFile]
 
     Raises
     ------
@@ -155,10 +147,6 @@ def stamp_samples(
         Chunks of all of them, each with the number of its file.
     rate : float
         Rate [Hz], of what has no stamps.
-
-    Yields
-    ------
-    StampedSamples
 
     Raises
     ------

@@ -20,10 +20,18 @@ from sensors.files.channel_names import (
     WIND_SPEED,
     words_of,
 )
+from sensors.files.table import ChannelTable, plain_unit
 
 SCADA_PERIOD = 10 * NANOSECONDS  # that one SCADA sample is the mean of [ns]
 TURNING = 2.0  # a rotor that is faster is no parked or idling one [rpm]
 IDLING = 0.1  # a rotor that is slower stands [rpm]
+_UNIT_IN_NAME = {
+    **dict.fromkeys(("ms", "mps", "m/s"), "m/s"),
+    **{unit: unit for unit in ("kw", "mw", "w", "rpm", "deg", "m")},
+}
+_NOT_A_LEVEL = {"std", "min", "max", "dir", "direction", "err", "error", "rate", "temp", "y", "z"}
+_ROTOR = re.compile(r"rot(or|spd|speed|_|\b)|drehzahl", re.IGNORECASE)  # RotSpeed is OpenFAST's
+_SPEED = re.compile(r"speed|spd|rpm|drehzahl", re.IGNORECASE)
 
 
 def _either(*words: str) -> str:
@@ -45,11 +53,6 @@ _FIELDS: dict[str, tuple[str, dict[str, float]]] = {
         {"m": 1.0},
     ),
 }
-_UNIT_IN_NAME = {
-    **dict.fromkeys(("ms", "mps", "m/s"), "m/s"),
-    **{unit: unit for unit in ("kw", "mw", "w", "rpm", "deg", "m")},
-}
-_NOT_A_LEVEL = {"std", "min", "max", "dir", "direction", "err", "error", "rate", "temp", "y", "z"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,10 +102,6 @@ def read_conditions(
     turbine : str
         Its id.
 
-    Yields
-    ------
-    ScadaSample
-
     Raises
     ------
     FileError
@@ -147,3 +146,31 @@ def state_of_rotor(rotor_speed: float) -> str:
     if abs(rotor_speed) > TURNING:
         return "operating"
     return "idling" if abs(rotor_speed) > IDLING else "parked"
+
+
+def with_rotor_speed_apart(table: ChannelTable) -> ChannelTable:
+    """Return a table whose rotor speed, if it has one channel of it, is none of its channels.
+
+    Missing values are taken straight between their neighbours.
+
+    Returns
+    -------
+    ChannelTable
+        The same table where no channel, or every channel, is a rotor's speed in rpm.
+    """
+    speeds = [i for i in range(len(table.names)) if _is_rotor_speed(table.names[i], table.units[i])]
+    rest = [i for i in range(len(table.names)) if i not in speeds]
+    if len(speeds) != 1 or not rest:
+        return table
+    column = table.samples[:, speeds[0]]
+    known = np.flatnonzero(np.isfinite(column))
+    if not len(known):
+        return table
+    return replace(
+        table.only(rest), rotor_speed=np.interp(np.arange(len(column)), known, column[known])
+    )
+
+
+def _is_rotor_speed(name: str, unit: str) -> bool:
+    in_rpm = plain_unit(unit) in ("rpm", "1/min", "min-1", "r/min")
+    return in_rpm and bool(_ROTOR.search(name)) and bool(_SPEED.search(name + unit))

@@ -66,10 +66,6 @@ CHANNEL_READERS: dict[str, ChannelReader] = {
 def read_file(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING) -> ChannelTable:
     """Return what is wanted of a file as one table.
 
-    Returns
-    -------
-    ChannelTable
-
     Raises
     ------
     FileError
@@ -91,10 +87,6 @@ def read_chunks(
     wanted : Wanted, optional
         What of it is read.
 
-    Yields
-    ------
-    ChannelTable
-
     Raises
     ------
     FileError
@@ -112,10 +104,6 @@ def channels_in(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHI
     """Return names and units of all channels of a file, without its samples.
 
     Even of such as differ in rate.
-
-    Returns
-    -------
-    ChannelTable
 
     Raises
     ------

@@ -125,10 +125,6 @@ class LayoutFile:
     def chosen(self, table: ChannelTable) -> ChannelTable:
         """Return the channels that the layout lists, in their units.
 
-        Returns
-        -------
-        ChannelTable
-
         Raises
         ------
         LayoutError
@@ -212,10 +208,6 @@ class LayoutFile:
 def load_layout(path: Path) -> LayoutFile:
     """Return the layout in a TOML file.
 
-    Returns
-    -------
-    LayoutFile
-
     Raises
     ------
     LayoutError
@@ -238,10 +230,6 @@ def parse_layout(text: str, path: str) -> LayoutFile:
         Content of a layout file.
     path : str
         Its name, for errors.
-
-    Returns
-    -------
-    LayoutFile
 
     Raises
     ------

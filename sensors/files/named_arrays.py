@@ -81,10 +81,6 @@ class NamedArray:
 def find_channels(arrays: list[NamedArray], path: Path) -> list[Sep005Channel]:
     """Return the channels among the arrays.
 
-    Returns
-    -------
-    list[Channel]
-
     Raises
     ------
     FileError

@@ -66,10 +66,6 @@ def join_channels(
     Channels of one rate that begin or end at different times are put on one clock, NaN where one
     has nothing; where none has anything, there is a gap in `times`.
 
-    Returns
-    -------
-    ChannelTable
-
     Raises
     ------
     FileError
@@ -103,10 +99,6 @@ def join_channels(
 
 def list_channels(channels: Sequence[Sep005Channel], path: Path) -> ChannelTable:
     """Return names and units, without samples.
-
-    Returns
-    -------
-    ChannelTable
 
     Raises
     ------
@@ -258,10 +250,6 @@ def _on_grid(
 
 def timestamp_ns(stamp: str | datetime | None, path: Path) -> int:
     """Return nanoseconds since 1970 of an ISO 8601 time, UTC where it has no zone; 0 for None.
-
-    Returns
-    -------
-    int
 
     Raises
     ------

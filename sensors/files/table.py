@@ -178,12 +178,7 @@ class ChannelTable:
     """Speed of a wind turbine's rotor, (n_samples,) [rpm], where the file holds it."""
 
     def only(self, columns: Sequence[int]) -> "ChannelTable":
-        """Return some of the channels, in the order of `columns`.
-
-        Returns
-        -------
-        ChannelTable
-        """
+        """Return some of the channels, in the order of `columns`."""
         stated = self.stated_quantities
         return replace(
             self,
@@ -224,10 +219,6 @@ def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
     ----------
     times : ndarray, shape (n,)
         Times [s].
-
-    Returns
-    -------
-    float or None
     """
     if len(times) < 2 or not times[-1] > times[0]:
         return None
@@ -254,10 +245,6 @@ def _plainest(rate: float, tolerance: float) -> float:
 
 def join_chunks(chunks: Iterable[ChannelTable], path: Path) -> ChannelTable:
     """Return the chunks of one file, in their order, as one table.
-
-    Returns
-    -------
-    ChannelTable
 
     Raises
     ------
@@ -331,10 +318,6 @@ def require_module(module: str, extra: str, path: Path) -> Any:
     path : Path
         The file that is to be read.
 
-    Returns
-    -------
-    Any
-
     Raises
     ------
     FileError
@@ -375,10 +358,6 @@ def readable(path: Path, kind: str, *damage: type[Exception]) -> Iterator[None]:
 
 def require_file(path: Path) -> Path:
     """Return the path.
-
-    Returns
-    -------
-    Path
 
     Raises
     ------

@@ -50,10 +50,6 @@ def steady_state(wind_speed: float, share: float, *, idling: bool = False) -> St
         0: feathered; 1: in operation; between: on its way from one to the other [-].
     idling : bool, optional
         The feathered rotor turns freely instead of being locked.
-
-    Returns
-    -------
-    SteadyState
     """
     wind = min(max(wind_speed, CUT_IN), CUT_OUT)
     running = np.clip(RATED_SPEED * wind / RATED, LOWEST_SPEED, RATED_SPEED)

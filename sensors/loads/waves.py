@@ -322,10 +322,6 @@ def wave_load(
     sampling_rate : float
         Sampling rate of the series [Hz]; start time of their first step [s].
 
-    Returns
-    -------
-    WaveLoad
-
     Raises
     ------
     LoadError

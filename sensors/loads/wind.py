@@ -374,10 +374,6 @@ def wind_load(
     ----------
     speed_at : Callable[[float], float]
         Mean speed at the hub by time since the first sample [m/s]; more than 0.
-
-    Returns
-    -------
-    WindLoad
     """
     return WindLoad(
         wind=wind,

@@ -48,10 +48,6 @@ class UnitSettings:
 def unit_layouts(layout: SensorLayout, units: tuple[UnitSettings, ...]) -> tuple[SensorLayout, ...]:
     """Return the part of a layout that each unit reads; the whole where there are no units.
 
-    Returns
-    -------
-    tuple[SensorLayout, ...]
-
     Raises
     ------
     UnitError

@@ -85,10 +85,6 @@ def quantise(samples: FloatArray, step: float) -> NDArray[np.float32]:
         Any shape [m/s²].
     step : float
         Step of the converter [m/s²], 0 for none; a power of two is exact in float32.
-
-    Returns
-    -------
-    ndarray
     """
     if step == 0.0:
         return samples.astype(np.float32)

@@ -29,10 +29,6 @@ def build_loads(
 ) -> tuple[Load, ...]:
     """Return every load of a simulation as series at the integration's rate [Hz].
 
-    Returns
-    -------
-    tuple[Load, ...]
-
     Raises
     ------
     SimulationError
@@ -87,10 +83,6 @@ def true_springs(
     description: TurbineDescription, ratios: tuple[float, float, float]
 ) -> FoundationSprings:
     """Return the description's springs times the ratios of k11, k22, k12.
-
-    Returns
-    -------
-    FoundationSprings
 
     Raises
     ------

@@ -20,10 +20,6 @@ def scada_samples(
         Time between two samples [s].
     duration : float
         Duration of the session [s].
-
-    Yields
-    ------
-    ScadaSample
     """
     for number in range(int(duration / period - 1e-9) + 1):
         time = number * period

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.dynamics.structure_modes import ModalDamping
+from sensors.dynamics.simulated_modes import ModalDamping
 from sensors.errors import InputError
 from sensors.loads import BroadbandLoad, Rotor, Sea, WaveBandLoad, Wind
 from sensors.settings import NO_KEY

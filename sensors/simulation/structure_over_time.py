@@ -8,7 +8,7 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.damped_modes import DampedSystem, damped_system
 from sensors.dynamics.responses.damped_response import DampedResponse
-from sensors.dynamics.structure_modes import (
+from sensors.dynamics.simulated_modes import (
     ModalDamping,
     ObservedModes,
     StructureModes,

@@ -14,7 +14,7 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.damped_modes import DampedSystem
 from sensors.dynamics.responses.damped_response import DampedResponse
 from sensors.dynamics.responses.modal_response import AccelerationResponse
-from sensors.dynamics.structure_modes import StructureModes
+from sensors.dynamics.simulated_modes import StructureModes
 from sensors.loads import RandomStream, generator
 from sensors.simulation.acquisition_units import read_by_units, unit_layouts
 from sensors.simulation.chunks import prefetch, split_into_blocks, trim
@@ -112,10 +112,6 @@ class SimulatedTower:
 
     def messages(self) -> Iterator[AccelerationBlock | ScadaSample]:
         """Blocks as the link brings them, and SCADA samples, each before the block that it is of.
-
-        Returns
-        -------
-        Iterator[AccelerationBlock or ScadaSample]
 
         Raises
         ------

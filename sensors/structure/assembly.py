@@ -46,10 +46,6 @@ def assemble(
         θ = (k11, k22, k12) [N/m, N·m/rad, N/rad]; None: the description's.
     tube_refinement : int, optional
         Elements for each tube; the blades keep their elements.
-
-    Returns
-    -------
-    StructuralModel
     """
     turbine = description.refined(tube_refinement)
     theta = turbine.nominal if stiffness is None else np.asarray(stiffness, dtype=np.float64)

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.constants import STANDARD_GRAVITY
 from sensors.settings import settings_from_table
@@ -35,6 +36,7 @@ Direction = Literal["FA", "SS"]
 
 SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
 LONGEST_ELEMENT = 1 / 12  # of the tower: the first ten frequencies of a mast are then exact to .2 %
+SLENDERNESS = 20.0  # height over diameter of the mast drawn [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,10 +146,6 @@ class TurbineDescription:
 def load_turbine(name_or_path: str | Path) -> TurbineDescription:
     """Return a turbine that ships (`iea15mw_monopile`) or the description in a user's TOML file.
 
-    Returns
-    -------
-    TurbineDescription
-
     Raises
     ------
     TurbineError
@@ -160,10 +158,6 @@ def load_turbine(name_or_path: str | Path) -> TurbineDescription:
 
 def turbine_text(name_or_path: str | Path) -> str:
     """Return the TOML text of a shipped turbine or of a user's file.
-
-    Returns
-    -------
-    str
 
     Raises
     ------
@@ -236,3 +230,20 @@ def _cut(tube: Tube, times: int) -> Iterator[Tube]:
     edges = np.linspace(tube.bottom, tube.top, times + 1)
     for bottom, top in pairwise(edges.tolist()):
         yield replace(tube, bottom=bottom, top=top)
+
+
+def bare_mast(layout: SensorLayout) -> TurbineDescription:
+    """One tube from the ground or the lowest sensor up to the highest one.
+
+    To be drawn, never to be calculated with: wall, steel and springs stand for nothing.
+    """
+    bottom = min(0.0, float(layout.elevations.min()))
+    top = max(float(layout.elevations.max()), bottom + 1.0)
+    diameter = (top - bottom) / SLENDERNESS
+    tube = Tube(bottom, top, diameter, diameter / 100, youngs_modulus=210e9, density=7850.0)
+    return TurbineDescription(
+        name=layout.turbine,
+        title=layout.turbine,
+        tubes=(tube,),
+        foundation=FoundationSprings(k11=1.0, k22=1.0, k12=0.0),
+    )

@@ -31,10 +31,6 @@ class ChannelReadings:
     def of(cls, model: StructuralModel, layout: SensorLayout) -> "ChannelReadings":
         """Return what a layout reads of a model's degrees of freedom.
 
-        Returns
-        -------
-        Observation
-
         Raises
         ------
         LayoutError

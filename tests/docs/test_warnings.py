@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipeline.nodes import limits
 from pipeline.nodes.units import block_admission
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +32,8 @@ def test_every_code_is_on_the_page_and_no_other() -> None:
         if "api" not in path.parts
     ]
     given = {code for source in sources for code in codes_of(source)} - {"reject", "warn", "mend"}
-    constants = {name: value for name, value in vars(block_admission).items() if name.isupper()}
+    known = vars(block_admission) | vars(limits)
+    constants = {name: value for name, value in known.items() if name.isupper()}
     given |= {each for each in constants.values() if isinstance(each, str)} | BY_TEXT
     table = [line.split("|")[1] for line in PAGE.read_text("utf-8").splitlines() if "| `" in line]
     listed = {code for cell in table for code in re.findall(r"`([a-z-]+)`", cell)}

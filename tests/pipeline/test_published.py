@@ -42,11 +42,11 @@ from pipeline.recording.info import recording_info
 from pipeline.report.figures_json import session_json
 from pipeline.report.recorded_session import read_session
 from pipeline.scenario import load_scenario, scenario_from_text, shipped_scenarios
-from pipeline.state.json_values import with_nulls
 from pipeline.state.run_modes import combined_modes
 from pipeline.updating.structural.sensors.figures import sensor_figures
 from pipeline.updating.structural.settings import OTHERS, UNCERTAIN
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.json_values import with_nulls
 from sensors.settings import constants_of
 from sensors.structure.description import load_turbine
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, status

@@ -84,7 +84,7 @@ class Modes:
             window, start (UTC; NaT without a clock), mode, frequency_hz, frequency_std_hz,
             damping_ratio, damping_ratio_std, quality, then one column a channel with the shape.
         """
-        from pipeline.report.wording import has_clock
+        from sensors.acquisition.blocks import has_clock
 
         pandas = require("pandas")
         rows = [

@@ -27,7 +27,7 @@ from pipeline.messages import (
     ModalEstimate,
     WindowRejected,
 )
-from pipeline.recording.atomic_write import written_whole
+from sensors.atomic_write import written_whole
 
 WHOLE_MONTHS = ".months"  # folder of what is known of whole months
 WRITING = ".writing"  # folder of a month that is not whole yet

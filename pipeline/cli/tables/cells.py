@@ -8,11 +8,6 @@ def table_of(title: str) -> Table:
     return Table(title=title, title_justify="left", caption_justify="left", header_style="bold")
 
 
-def count_noun(count: int, noun: str) -> str:
-    """Return "1 window", "2 windows"."""
-    return f"{count} {noun}" + ("" if count == 1 else "s")
-
-
 def format_value(figure: float | None, form: str) -> str:
     """Return a figure in its format, or `unknown`."""
     return "unknown" if figure is None else format(figure, form)

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from pipeline.cli.tables.cells import count_noun, table_of
+from pipeline.cli.tables.cells import table_of
+from pipeline.state.phrases import count_noun
 
 if TYPE_CHECKING:  # their modules load the model, which a table of measured modes does not need
     from pipeline.offline.describe_structure import StructureFigures

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.cli.tables.cells import count_noun, format_value, table_of
+from pipeline.cli.tables.cells import format_value, table_of
 from pipeline.farm.farm import Farm
-from pipeline.messages import FoundationPosterior, ParameterSummary
-from pipeline.state.json_values import Json
-from pipeline.state.posterior_json import figure_name
+from pipeline.messages import FoundationPosterior
+from pipeline.state.phrases import count_noun, figure_name
+from pipeline.state.posterior_json import ratios
+from sensors.json_values import Json
 
 
 def posterior_table(posterior: Json) -> Table:
@@ -87,7 +88,10 @@ def farm_table(farm: Farm) -> Table:
     for title in ("turbine", "windows", "k11", "k22", "k12", "outlier"):
         table.add_column(title, justify="right", no_wrap=True)
     for each in farm.turbines:
-        springs = [f"{k.median / k.nominal:.3f} ± {100 * _half_width(k):.1f}" for k in each.pooled]
+        springs = [
+            f"{median:.3f} ± {50 * (high - low):.1f}"
+            for median, low, high in map(ratios, each.pooled)
+        ]
         style = "bold red" if each.outlying else None
         probability = f"{each.outlier_probability:.3f}"
         table.add_row(each.turbine, str(each.n_windows), *springs, probability, style=style)
@@ -100,11 +104,6 @@ def farm_table(farm: Farm) -> Table:
         f"probability; R-hat {farm.rhat:.3f}"
     )
     return table
-
-
-def _half_width(spring: ParameterSummary) -> float:
-    """Return half the 90 % interval ÷ nominal."""
-    return abs((spring.p95 - spring.p05) / 2 / spring.nominal)
 
 
 def misfit_table(posterior: FoundationPosterior) -> Table:

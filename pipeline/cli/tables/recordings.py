@@ -8,7 +8,7 @@ from rich.table import Table
 from pipeline.cli.tables.cells import table_of
 from pipeline.recording.info import RecordingInfo, UnitInfo
 from pipeline.scenario import Scenario
-from pipeline.state.json_values import Json
+from sensors.json_values import Json
 
 
 def recording_tables(info: RecordingInfo) -> list[Table]:

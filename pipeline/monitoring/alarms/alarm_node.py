@@ -25,7 +25,7 @@ from pipeline.monitoring.alarms.heartbeat import AlarmHeartbeat, Pulse
 from pipeline.monitoring.alarms.outbox import DeliveryState, DeliveryThread, Outbox
 from pipeline.monitoring.alarms.settings import AlarmLogSettings, HeartbeatSettings
 from pipeline.nodes.node import NodeStatistics, Sink
-from pipeline.recording.atomic_write import written_whole
+from sensors.atomic_write import written_whole
 from sensors.errors import InputError
 
 logger = logging.getLogger(__name__)

@@ -119,7 +119,7 @@ class AlarmRules:
         seconds = (gap.end_ns - gap.start_ns) / NANOSECONDS
         if seconds < self._settings.shortest_gap:
             return
-        begin = _moment(gap.start_ns)
+        begin = moment_text(gap.start_ns)
         text = f"{_spoken(seconds)} of measurements of unit {gap.unit} are missing, from {begin} on"
         key = f"{gap.turbine}/gap/{gap.unit}"
         yield AlarmCondition(key, "gap", gap.turbine, text)
@@ -197,10 +197,11 @@ _NAME = re.compile(r"[^\s,;:()]+")  # what may be the name of a channel
 
 
 def _window_from(start_ns: int) -> str:
-    return f"window from {_moment(start_ns)}"
+    return f"window from {moment_text(start_ns)}"
 
 
-def _moment(time_ns: int) -> str:
+def moment_text(time_ns: int) -> str:
+    """Return "2026-03-01 12:00:00 UTC"."""
     return f"{datetime.fromtimestamp(time_ns // NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 

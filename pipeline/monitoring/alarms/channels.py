@@ -15,7 +15,6 @@ import os
 import shlex
 import ssl
 from collections.abc import Coroutine, Mapping
-from datetime import UTC, datetime
 from email.message import EmailMessage
 from email.utils import formatdate
 from typing import Any, Protocol, TypeVar
@@ -24,6 +23,7 @@ from urllib.parse import urlsplit
 import aiosmtplib
 import httpx
 
+from pipeline.monitoring.alarms.alarm_rules import moment_text
 from pipeline.monitoring.alarms.settings import (
     AlarmError,
     AlarmSettings,
@@ -32,7 +32,6 @@ from pipeline.monitoring.alarms.settings import (
     WebhookSettings,
     secret,
 )
-from sensors.acquisition.blocks import NANOSECONDS
 
 logger = logging.getLogger(__name__)
 
@@ -214,7 +213,7 @@ class Mail:
         mail["Date"] = formatdate(message["last_ns"] / 1e9)
         number = f"{message['id']}.{message['serial']}.{message['last_ns']}"
         mail["Message-ID"] = f"<{number}@pilewatch>"  # the same in every attempt
-        first, last = _moment(message["first_ns"]), _moment(message["last_ns"])
+        first, last = moment_text(message["first_ns"]), moment_text(message["last_ns"])
         seen = "once" if message["count"] == 1 else f"{message['count']} times"
         when = f"at {first}" if first == last else f"since {first}, last at {last}"
         lines = [message["text"], "", f"kind {message['kind']}, seen {seen}, {when}"]
@@ -225,10 +224,6 @@ class Mail:
             )
         mail.set_content("\n".join([*lines, ""]))
         return mail
-
-
-def _moment(time_ns: int) -> str:
-    return f"{datetime.fromtimestamp(time_ns // NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
 class Mqtt:

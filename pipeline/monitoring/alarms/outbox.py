@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.monitoring.alarms.channels import AlarmChannel, DeliveryFailed
-from pipeline.recording.atomic_write import written_whole
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.atomic_write import written_whole
 
 logger = logging.getLogger(__name__)
 

@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.nodes.limits import LimitSettings
+from pipeline.nodes.limits import Refusal
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR
 from pipeline.oma.windows.windowing import Beginning
-from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock, BlockMark
 
 STUBBORN = 5  # blocks on end that follow each other and not the last one taken
 MOST_CANDIDATES = 4  # sessions whose blocks are held
@@ -35,10 +35,6 @@ MOST_SESSION_NAMES = 64  # names of sessions whose boots are remembered
 MOST_BOOTS_OVER = 8  # whose last blocks are remembered
 
 # Codes of refusals, as they are counted in a NodeStatus.
-TOO_LARGE = "window-too-large"
-TOO_MANY_CHANNELS = "too-many-channels"
-TOO_FAST = "sampled-too-fast"
-TOO_LARGE_BLOCK = "block-too-large"
 UNFIT = "does-not-follow"
 OTHER_SESSION = "other-session"
 CONFLICT = "conflicting-content"
@@ -48,46 +44,8 @@ UNITS = "cannot-be-joined"
 NO_LAYOUT = "no-layout"
 SECOND = "second-device"
 
-DEFAULT_LIMITS = LimitSettings()
 
 BootKey = tuple[str, int]  # session, starts under its name before
-
-
-@dataclass(frozen=True, slots=True)
-class BlockMark:
-    """A block without its samples."""
-
-    session: str
-    sequence: int
-    first_sample: int
-    n_samples: int
-    start_ns: int
-    sampling_rate: float
-    """[Hz]"""
-    n_channels: int
-
-    @classmethod
-    def of(cls, block: AccelerationBlock) -> "BlockMark":
-        """The mark of a block."""
-        return cls(
-            block.session,
-            block.sequence,
-            block.first_sample,
-            len(block.samples),
-            block.start_ns,
-            block.sampling_rate,
-            block.samples.shape[1],
-        )
-
-    @property
-    def next_sample(self) -> int:
-        """One after the block's last."""
-        return self.first_sample + self.n_samples
-
-    @property
-    def end_ns(self) -> int:
-        """Stamp one sample after the block's last [ns]."""
-        return self.start_ns + round(self.n_samples / self.sampling_rate * NANOSECONDS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,14 +56,6 @@ class Admission:
     """In the order of arrival."""
     begins: Beginning | None = None
     """Where a boot that they begin is expected to begin: what was running before is over."""
-
-
-@dataclass(frozen=True, slots=True)
-class Refusal:
-    """Why a block cannot be used: a stable code, and a sentence for people."""
-
-    code: str
-    text: str
 
 
 class BlockAdmission:
@@ -144,7 +94,6 @@ class BlockAdmission:
 
         Parameters
         ----------
-        block : AccelerationBlock
         refusal : Refusal, optional
             Why what runs cannot go on with the block; None where it can.
         """
@@ -444,40 +393,3 @@ def _tight(last: BlockMark, block: AccelerationBlock) -> bool:
     since, clock = _apart(last, block)
     few = max(abs(since), abs(clock)) * last.sampling_rate <= MOST_SKIPPED
     return few and abs(clock - since) <= CLOCK_STEP + CLOCK_ERROR * abs(since)
-
-
-def window_refusal(
-    block: AccelerationBlock, duration: float, limits: LimitSettings = DEFAULT_LIMITS
-) -> Refusal | None:
-    """Why a window of such blocks cannot be identified; None where it can.
-
-    Parameters
-    ----------
-    block : AccelerationBlock
-    duration : float
-        Of a window [s].
-    limits : LimitSettings, optional
-    """
-    n_channels, rate = block.samples.shape[1], block.sampling_rate
-    if n_channels > limits.channels:
-        return Refusal(
-            TOO_MANY_CHANNELS,
-            f"{n_channels} channels; a unit has at most {limits.channels} that are identified "
-            "([limits] channels)",
-        )
-    n_values = duration * rate * n_channels
-    if n_values > limits.window_values:
-        return Refusal(
-            TOO_LARGE,
-            f"a window of {duration:g} s would hold {n_values:.3g} values at {rate:g} Hz; at most "
-            f"{limits.window_values:g} are held ([limits] window_values)",
-        )
-    if rate > limits.sampling_rate:
-        return Refusal(TOO_FAST, f"{rate:g} Hz; at most {limits.sampling_rate:g} Hz are identified")
-    if block.samples.nbytes > 1e6 * limits.block_megabytes:
-        return Refusal(
-            TOO_LARGE_BLOCK,
-            f"a block of {1e-6 * block.samples.nbytes:.1f} MB; at most {limits.block_megabytes:g} "
-            "MB are identified",
-        )
-    return None

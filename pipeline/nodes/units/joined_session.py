@@ -8,14 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from pipeline.messages import Message, ModalEstimate, UnitOrigin, WindowRejected
+from pipeline.nodes.limits import CpuLimit, Refusal
 from pipeline.nodes.units.acquisition_units import Boot
-from pipeline.nodes.units.block_admission import LAYOUT, STUBBORN, UNITS, Refusal
-from pipeline.nodes.window_identification import (
-    CpuLimit,
-    RotorSpeed,
-    WindowIdentification,
-    unknown_speed,
-)
+from pipeline.nodes.units.block_admission import LAYOUT, STUBBORN, UNITS
+from pipeline.nodes.window_identification import RotorSpeed, WindowIdentification, unknown_speed
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.unit_clock import ClockStep, clock_step, stamp_of

@@ -7,12 +7,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from pipeline.messages import Message
-from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot
-from pipeline.nodes.units.block_admission import BlockMark
+from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot, UnitSession
 from pipeline.nodes.units.joined_session import JoinedSession
-from pipeline.nodes.units.unit_session import UnitSession
 from pipeline.oma.windows.windowing import Beginning
-from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from pipeline.messages import FoundationEvent
 from pipeline.report.canvas import css_colour
-from pipeline.report.wording import day, has_clock
+from pipeline.report.wording import day
 from pipeline.viewer.pictures import colours
+from sensors.acquisition.blocks import has_clock
 from sensors.arrays import FloatArray
 
 Times = NDArray[np.datetime64]

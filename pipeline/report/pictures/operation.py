@@ -20,8 +20,8 @@ from pipeline.report.pictures.axes import (
     unbroken,
 )
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.report.sentences import ratios
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
+from pipeline.state.posterior_json import ratios
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.viewer.pictures import colours
 from sensors.arrays import FloatArray
@@ -87,10 +87,6 @@ def control_limits(values: FloatArray, n_reference: int) -> ControlLimits:
         In order of time.
     n_reference : int
         Values before the first change.
-
-    Returns
-    -------
-    ControlLimits
     """
     reference = values[:n_reference]
     centre = float(np.median(reference))

@@ -6,19 +6,16 @@ A sampler is a function of a Target and a random generator that answers with Pos
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 
 from pipeline.messages import QualityWarning
-from pipeline.updating.prior import Prior
 from sensors.arrays import FloatArray
 
 POINTS_AT_ONCE = (
     2048  # points evaluated at once: the model's arrays stay within the processor's cache
 )
-VOLUME_NODES = 1000  # a side, of the midpoint rule for the prior's volume
 
 LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """(n, n_dim) points → (n,) log density, −inf outside, and (n,) a companion drawn given the point
@@ -88,25 +85,3 @@ class CountedDensity:
             np.concatenate([values for values, _ in parts]),
             np.concatenate([companions for _, companions in parts]),
         )
-
-
-def log_prior_volume(prior: Prior) -> float:
-    """log of ∫ dr over the supported ratios: the box where k11·k22 > k12².
-
-        V = ∫∫ max(0, min(h, √(r11 r22 / c)) − l) dr11 dr22,   c = k12² / (k11 k22) at nominal
-
-    with l and h the box's bounds. What gravity alone forbids (.1 % of it for the IEA 15 MW
-    monopile) counts as prior with a likelihood of zero.
-    """
-    box = (prior.settings.lowest_ratio, prior.settings.highest_ratio)
-    k11, k22, k12 = map(float, prior.nominal)
-    return _log_volume(box, k11, k22, k12)
-
-
-@lru_cache(maxsize=64)  # the same for every window of a turbine
-def _log_volume(box: tuple[float, float], k11: float, k22: float, k12: float) -> float:
-    """log of the integral over r11 and r22 by midpoints."""
-    low, high = box
-    nodes = low + (np.arange(VOLUME_NODES) + 0.5) * (high - low) / VOLUME_NODES
-    highest = np.minimum(high, np.sqrt(np.outer(nodes, nodes) * k11 * k22 / k12**2))
-    return float(np.log(np.maximum(highest - low, 0.0).mean() * (high - low) ** 2))

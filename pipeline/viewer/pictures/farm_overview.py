@@ -7,14 +7,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.messages import FoundationPosterior, ParameterSummary
+from pipeline.messages import FoundationPosterior
+from pipeline.state.phrases import count_noun
+from pipeline.state.posterior_json import plus_minus
 from pipeline.viewer.pictures.corner import Text
 from pipeline.viewer.pictures.status_text import (
     STIFFNESSES,
     SessionStatus,
     StatusIndicator,
     clock_time,
-    count_noun,
 )
 
 ROWS_OF_TURBINES = 24  # of indicators in a column of turbines
@@ -114,10 +115,5 @@ def _stiffness_cells(posterior: FoundationPosterior | None) -> tuple[str, ...]:
     """Stiffnesses, number of windows and the end of the last one."""
     if posterior is None:
         return (*("–" for _ in STIFFNESSES), "0", "–")
-    ratios = (_ratio(posterior.parameter(name)) for name in STIFFNESSES)
-    return (*ratios, str(posterior.n_windows), clock_time(posterior.time_ns))
-
-
-def _ratio(spring: ParameterSummary) -> str:
-    half_width = (spring.p95 - spring.p05) / 2 / abs(spring.nominal)
-    return f"{spring.median / spring.nominal:.3f} ± {half_width:.3f}"
+    springs = (plus_minus(posterior.parameter(name)) for name in STIFFNESSES)
+    return (*springs, str(posterior.n_windows), clock_time(posterior.time_ns))

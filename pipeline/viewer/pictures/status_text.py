@@ -15,6 +15,8 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
+from pipeline.state.phrases import codes_in_words, count_noun
+from pipeline.state.posterior_json import plus_minus, ratios
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -155,11 +157,10 @@ class SessionStatus:
             return "No posterior yet: it comes with the first window whose modes are paired."
         if not posterior.trusted:
             return "NOT TRUSTED: the data contradict the model; do not use these stiffnesses."
-        k22 = posterior.parameter("k22")
+        median, low, high = ratios(posterior.parameter("k22"))
         return (
-            f"Foundation known: rotational stiffness k22 is {k22.median / k22.nominal:.3f} × "
-            f"nominal, 90 % interval {k22.p05 / k22.nominal:.3f} to "
-            f"{k22.p95 / k22.nominal:.3f}."
+            f"Foundation known: rotational stiffness k22 is {median:.3f} × nominal, 90 % interval "
+            f"{low:.3f} to {high:.3f}."
         )
 
     def _foundation(self) -> list[str]:
@@ -169,11 +170,10 @@ class SessionStatus:
         rows = ["| ÷ nominal | median | 90 % interval | truth |", "|---|---|---|---|"]
         for name in STIFFNESSES:
             k = posterior.parameter(name)
-            truth = (
-                f"{getattr(self._state.truth, name) / k.nominal:.3f}" if self._state.truth else "–"
-            )
-            interval = f"{k.p05 / k.nominal:.3f} … {k.p95 / k.nominal:.3f}"
-            rows.append(f"| {name} | {k.median / k.nominal:.3f} | {interval} | {truth} |")
+            median, low, high = ratios(k)
+            true = self._state.truth
+            truth = f"{getattr(true, name) / k.nominal:.3f}" if true else "–"
+            rows.append(f"| {name} | {median:.3f} | {low:.3f} … {high:.3f} | {truth} |")
         sigma = posterior.parameter("sigma")
         rows.append(f"| σ [-] | {sigma.median:.4f} | below {sigma.p95:.4f} (95 %) | – |")
         rhat = f"R̂ {posterior.rhat:.3f}, " if posterior.rhat == posterior.rhat else ""
@@ -205,11 +205,10 @@ class SessionStatus:
 
     def _rejected_line(self) -> str:
         """'- 7 rejected: 3 × gap, 4 × constant; the last 5:'."""
-        reasons = ", ".join(
-            f"{count} × {code}" for code, count in self._state.rejections.most_common()
-        )
+        if not self.n_rejected:
+            return "- 0 rejected"
         listed = f"; the last {_LISTED}:" if self.n_rejected > _LISTED else ""
-        return f"- {self.n_rejected} rejected" + (f": {reasons}{listed}" if reasons else "")
+        return f"- {self.n_rejected} rejected: {codes_in_words(self._state.rejections)}{listed}"
 
     def _warnings(self) -> list[str]:
         results = (self._state.estimate, self._state.posterior)
@@ -254,23 +253,14 @@ def gap_text(gap: StreamGap) -> str:
     return f"{clock_time(gap.start_ns)}: {gap.n_blocks} blocks ({length:.1f} s) of unit {gap.unit}"
 
 
-def count_noun(number: int, noun: str) -> str:
-    """'1 window', '2 windows'."""
-    return f"{number} {noun}" + "s" * (number != 1)
-
-
 def posterior_text(posterior: FoundationPosterior) -> str:
     """Return one line about a refreshed posterior: medians of k11, k22 and k12, half the widths.
 
     Of the 90 % intervals. It is as short as the list of events is narrow.
     """
-    parts = []
-    for name in STIFFNESSES:
-        k = posterior.parameter(name)
-        half_width = (k.p95 - k.p05) / 2 / k.nominal
-        parts.append(f"{k.median / k.nominal:.3f} ± {half_width:.3f}")
+    parts = ", ".join(plus_minus(posterior.parameter(name)) for name in STIFFNESSES)
     trust = "" if posterior.trusted else "NOT TRUSTED: "
-    return f"{trust}k ÷ nominal: {', '.join(parts)}"
+    return f"{trust}k ÷ nominal: {parts}"
 
 
 def frequencies_text(frequencies: Sequence[float]) -> str:

@@ -15,7 +15,7 @@ tide), `damped_response` does the same with the complex modes of the damped syst
 
 from sensors.arrays import ComplexArray, FloatArray
 from sensors.dynamics.responses.oscillators import ModalOscillators
-from sensors.dynamics.structure_modes import ObservedModes
+from sensors.dynamics.simulated_modes import ObservedModes
 from sensors.structure.ac_coupling import ChannelCoupling
 
 

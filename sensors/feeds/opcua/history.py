@@ -35,7 +35,6 @@ async def history(
 
     Parameters
     ----------
-    client : asyncua.Client
     nodes : mapping
         Variable of each channel.
     known : mapping

@@ -68,10 +68,6 @@ def declared_nodes(option: str, names: Iterable[str]) -> dict[str, str]:
     names : iterable of str
         Of the channels.
 
-    Returns
-    -------
-    dict of str
-
     Raises
     ------
     FeedError

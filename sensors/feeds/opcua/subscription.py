@@ -61,7 +61,6 @@ async def subscribed(client: Any, nodes: Mapping[str, Any], interval: float) -> 
 
     Parameters
     ----------
-    client : asyncua.Client
     nodes : mapping
         Variable of each channel.
     interval : float

@@ -24,10 +24,6 @@ FILL = ("_FillValue", "missing_value")
 def read_hdf5(path: Path) -> list[Sep005Channel]:
     """Return the channels of an HDF5 file.
 
-    Returns
-    -------
-    list[Channel]
-
     Raises
     ------
     FileError

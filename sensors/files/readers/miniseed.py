@@ -25,10 +25,6 @@ INSTRUMENTS = {"N": "a", "H": "v", "L": "v", "P": "v"}
 def read_miniseed(path: Path) -> list[Sep005Channel]:
     """Return the channels of a miniSEED file.
 
-    Returns
-    -------
-    list[Channel]
-
     Raises
     ------
     FileError

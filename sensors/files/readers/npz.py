@@ -29,10 +29,6 @@ NPZ_DAMAGE = (
 def read_npz(path: Path) -> list[Sep005Channel]:
     """Return the channels of an NPZ file.
 
-    Returns
-    -------
-    list[Channel]
-
     Raises
     ------
     FileError
@@ -55,10 +51,6 @@ def read_npz(path: Path) -> list[Sep005Channel]:
 
 def read_npy(path: Path) -> list[Sep005Channel]:
     """Return the channels of an NPY file.
-
-    Returns
-    -------
-    list[Channel]
 
     Raises
     ------

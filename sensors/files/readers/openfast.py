@@ -31,10 +31,6 @@ class _Bytes:
     def array(self, kind: str, count: int) -> np.ndarray[tuple[int], np.dtype[np.generic]]:
         """Return the next `count` numbers of a little-endian type.
 
-        Returns
-        -------
-        ndarray
-
         Raises
         ------
         EOFError

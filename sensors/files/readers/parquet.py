@@ -24,10 +24,6 @@ LOOKED_AT = 60  # of the first rows, to find the kind of a column
 def read_parquet_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
     """Yield the channels of a Parquet file in chunks.
 
-    Yields
-    ------
-    ChannelTable
-
     Raises
     ------
     FileError

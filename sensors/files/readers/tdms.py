@@ -26,10 +26,6 @@ TDMS_DAMAGE = (
 def read_tdms(path: Path) -> list[Sep005Channel]:
     """Return the channels of a TDMS file.
 
-    Returns
-    -------
-    list[Channel]
-
     Raises
     ------
     FileError

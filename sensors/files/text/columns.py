@@ -88,10 +88,6 @@ def sort_columns(
 ) -> SortedColumns:
     """Find time, channels, and what is left out, which is logged once a file.
 
-    Returns
-    -------
-    Columns
-
     Raises
     ------
     FileError
@@ -214,10 +210,6 @@ def convert_batches(
     ----------
     batches : Iterable[pa.RecordBatch]
         Batches of the columns `columns.used`.
-
-    Yields
-    ------
-    ChannelTable
 
     Raises
     ------

@@ -31,10 +31,6 @@ _COUNT = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 def read_csv_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[ChannelTable]:
     """Yield the channels of a text file in chunks of some megabytes.
 
-    Yields
-    ------
-    ChannelTable
-
     Raises
     ------
     FileError

@@ -86,10 +86,6 @@ class DateStyle:
         dates : {"day-first", "month-first"}, optional
             What comes first where the texts leave it open; None: an error there.
 
-        Returns
-        -------
-        DateStyle
-
         Raises
         ------
         DateError

@@ -115,10 +115,6 @@ def require_unpacked(path: Path, size: int, most: int) -> None:
 def detect_encoding(beginning: bytes, path: Path) -> str:
     """Return how a text is written.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     FileError

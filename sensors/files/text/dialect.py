@@ -71,10 +71,6 @@ class TextHead:
 def read_head(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
     """Return how a text file is read, from its beginning.
 
-    Returns
-    -------
-    TextHead
-
     Raises
     ------
     FileError

@@ -22,7 +22,7 @@ from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.files.table import DateOrder
 from sensors.files.text.dates import DateError, DateStyle, kind_of_text, zone_offset_ns
-from sensors.files.text.summer_time import Midnights, SummerTime
+from sensors.files.text.local_clock import Midnights, SummerTime
 
 SECONDS_PER_UNIT = {
     "": 1.0,
@@ -91,10 +91,6 @@ class Scale:
             First number.
         step : float or None
             Difference of consecutive numbers; None: unknown.
-
-        Returns
-        -------
-        Scale
 
         Raises
         ------
@@ -173,10 +169,6 @@ class TextClock:
 
     def seconds(self, column: pa.Array) -> FloatArray:
         """Return seconds since the file's first stamp.
-
-        Returns
-        -------
-        ndarray
 
         Raises
         ------
@@ -277,10 +269,6 @@ def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
 
 def parse_start_ns(number: int | float) -> int:
     """[ns since 1970] of a number that states when a file begins; 0 where it counts from no date.
-
-    Returns
-    -------
-    int
 
     Raises
     ------

@@ -32,10 +32,6 @@ def read_bmodes(
     mudline : float, optional
         Elevation of the base [m]; None: as `draft` and `hub_rad` have it.
 
-    Returns
-    -------
-    TurbineDescription
-
     Raises
     ------
     TurbineError

@@ -15,10 +15,6 @@ def description_toml(turbine: TurbineDescription) -> str:
     ----------
     turbine : TurbineDescription
         A structure.
-
-    Returns
-    -------
-    str
     """
     table = _table(turbine)
     scalars = {key: value for key, value in table.items() if not isinstance(value, dict)}

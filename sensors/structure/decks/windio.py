@@ -44,10 +44,6 @@ def read_windio(
     mudline : float, optional
         Elevation at which the monopile is cut [m]: below it is the foundation.
 
-    Returns
-    -------
-    TurbineDescription
-
     Raises
     ------
     TurbineError

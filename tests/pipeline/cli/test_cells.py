@@ -7,11 +7,12 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from pipeline.cli.tables.cells import count_noun, format_value
+from pipeline.cli.tables.cells import format_value
 from pipeline.cli.tables.posteriors import farm_table
 from pipeline.cli.tables.recordings import recording_tables
 from pipeline.messages import ParameterSummary, StreamGap
 from pipeline.recording.info import RecordingInfo, UnitInfo
+from pipeline.state.phrases import count_noun
 from sensors.acquisition.blocks import NANOSECONDS
 
 

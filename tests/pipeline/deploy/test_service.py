@@ -13,7 +13,7 @@ import pytest
 import typer
 
 from pipeline.cli import app
-from pipeline.deploy.watchdog import Watchdog, WatchdogNode
+from pipeline.runtime.watchdog import Watchdog, WatchdogNode
 from tests.pipeline.example_messages import block
 
 EXAMPLES = Path(str(files("pipeline.deploy") / "examples"))

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.farm.farm import PoolingSettings, pooled_farm
-from pipeline.farm.members import in_order, members_of
+from pipeline.farm.farm import PoolingSettings, in_order, members_of, pooled_farm
 from pipeline.farm.settings import FarmError, GibbsSettings
 from tests.pipeline.farm.farms import (
     NOMINAL,

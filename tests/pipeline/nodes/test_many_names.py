@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
-from pipeline.nodes.by_turbine import NodeByTurbine
+from pipeline.nodes.by_turbine import LimitedMembers, NodeByTurbine
 from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.limits import LimitedMembers, LimitSettings
+from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.oma.settings import OmaSettings
 from pipeline.runtime.snapshots import SnapshotFolder

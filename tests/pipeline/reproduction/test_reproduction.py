@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.reproduction.density import PublishedDensity
-from pipeline.reproduction.example import Example, run_example
+from pipeline.reproduction.example import Example, PublishedDensity, run_example
 from pipeline.reproduction.findings import findings, over_seeds
 from pipeline.reproduction.page import write_report
 from pipeline.reproduction.paper import LABELS, TABLE_1

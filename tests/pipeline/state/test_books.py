@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from pipeline.messages import MessageCount, ModalEstimate, StreamEnd, StreamGap, UnitOrigin
 from pipeline.state import turbine_book
-from pipeline.state.block_book import Intervals
 from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.intervals import Intervals
 from tests.pipeline.example_estimates import estimate
 from tests.pipeline.example_messages import block, rejection, status
 from tests.pipeline.state.test_posterior_json import POSTERIOR

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.viewer.known_layouts import KnownLayouts
+from pipeline.viewer.signal_view import KnownLayouts
 from sensors.acquisition.layout import biaxial_layout, joined_layout
 from tests.pipeline.example_estimates import estimate
 from tests.pipeline.state.test_posterior_json import POSTERIOR

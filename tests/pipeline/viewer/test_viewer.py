@@ -20,7 +20,7 @@ from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
 from pipeline.viewer.view_parameters import time_series, with_margins
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
-from sensors.structure.bare_mast import bare_mast
+from sensors.structure.description import bare_mast
 from tests.pipeline.viewer.conftest import record
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import (

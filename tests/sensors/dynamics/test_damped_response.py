@@ -9,7 +9,7 @@ from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.damped_modes import DampedSystem, damped_system
 from sensors.dynamics.responses.damped_response import DampedResponse
 from sensors.dynamics.responses.modal_response import AccelerationResponse
-from sensors.dynamics.structure_modes import (
+from sensors.dynamics.simulated_modes import (
     ModalDamping,
     ObservedModes,
     StructureModes,

@@ -8,7 +8,7 @@ from scipy.signal import cont2discrete, lsim
 from sensors.arrays import FloatArray
 from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.responses.oscillators import ModalOscillators, first_order_hold
-from sensors.dynamics.structure_modes import ModalDamping, ObservedModes, structure_modes
+from sensors.dynamics.simulated_modes import ModalDamping, ObservedModes, structure_modes
 from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
 from sensors.structure.foundation import TurbineError

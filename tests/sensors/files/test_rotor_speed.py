@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensors.files.rotor_speed import with_rotor_speed_apart
+from sensors.files.conditions import with_rotor_speed_apart
 from sensors.files.table import ChannelTable
 
 

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 
 from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.damped_modes import damped_system
-from sensors.dynamics.structure_modes import ModalDamping, observed_modes, structure_modes
+from sensors.dynamics.simulated_modes import ModalDamping, observed_modes, structure_modes
 from sensors.loads import LoadError, Wind, aerodynamic_damping, wind_load
 from sensors.loads.spectra import iec_coherence, kaimal
 from sensors.loads.wind import WindLoad, mean_speeds

@@ -12,7 +12,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.dynamics.modal_model import ModalModel, full_modes
 from sensors.dynamics.responses.modal_response import AccelerationResponse
-from sensors.dynamics.structure_modes import ModalDamping, observed_modes, structure_modes
+from sensors.dynamics.simulated_modes import ModalDamping, observed_modes, structure_modes
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
 from sensors.simulation.chunks import split_into_blocks, trim
 from sensors.simulation.instruments import Instruments

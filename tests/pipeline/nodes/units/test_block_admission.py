@@ -18,21 +18,19 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.limits import LimitError, LimitSettings
+from pipeline.nodes.limits import TOO_MANY_CHANNELS, LimitError, LimitSettings
 from pipeline.nodes.units.block_admission import (
     CONFLICT,
     OTHER_SESSION,
     REPEATED,
     STUBBORN,
-    TOO_MANY_CHANNELS,
     BlockAdmission,
-    BlockMark,
     refusal_of,
 )
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.scenario import scenario_from_text
 from pipeline.state.books import Books
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockMark
 from tests.pipeline.example_messages import block as message
 from tests.pipeline.histories import identify_by_digests
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, SETTINGS, START, cut

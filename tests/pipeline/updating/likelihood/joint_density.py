@@ -4,8 +4,8 @@ import numpy as np
 
 from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import SMALLEST_SIGMA_STEP, ModalLikelihood
-from pipeline.updating.prior import Prior, modal_where_supported
-from pipeline.updating.samplers.interface import Peak, Target, log_prior_volume
+from pipeline.updating.prior import Prior, log_prior_volume, modal_where_supported
+from pipeline.updating.samplers.interface import Peak, Target
 from sensors.arrays import FloatArray
 
 

@@ -5,9 +5,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from pipeline.updating.prior import Prior, UpdatingError
+from pipeline.updating.prior import Prior, UpdatingError, log_prior_volume
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
-from pipeline.updating.samplers.interface import CountedDensity, log_prior_volume
+from pipeline.updating.samplers.interface import CountedDensity
 from pipeline.updating.samplers.registry import (
     SamplerName,
     SamplingSettings,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.messages import BlockRange, RecordedUntil
-from pipeline.state.acknowledgement import MOST_RANGES, Acknowledgements
+from pipeline.recording.acknowledgement import MOST_RANGES, Acknowledgements
 from sensors.acquisition.blocks import AccelerationBlock
 from tests.pipeline.example_messages import START_NS, block
 

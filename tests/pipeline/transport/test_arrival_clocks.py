@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline.state.arrival_clocks import MOST_WARNINGS, ArrivalClocks
+from pipeline.transport.arrival_clocks import MOST_WARNINGS, ArrivalClocks
 from tests.pipeline.example_messages import block
 
 SECOND = 10**9  # [ns]
@@ -79,7 +79,7 @@ def test_of_many_units_those_furthest_off_are_named() -> None:
 
 
 def test_as_many_units_as_may_be_watched_are_watched(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.state.arrival_clocks.MOST_UNITS", 2)
+    monkeypatch.setattr("pipeline.transport.arrival_clocks.MOST_UNITS", 2)
     clocks = ArrivalClocks()
     for k in range(30):
         for unit in ("a", "b"):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.recording.atomic_write import make_folder_durably, written_whole
+from sensors.atomic_write import make_folder_durably, written_whole
 from tests.pipeline.power_cut import power_cut
 
 

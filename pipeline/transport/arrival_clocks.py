@@ -33,7 +33,6 @@ class ArrivalClocks:
 
         Parameters
         ----------
-        block : AccelerationBlock
         now_ns : int
             Clock of this machine when it arrived [ns since 1970-01-01 UTC].
         """

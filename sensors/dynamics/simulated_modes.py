@@ -1,4 +1,4 @@
-"""Modes of the full structure, the damping given to them, and how loads and sensors meet them."""
+"""Modes of the structure that is simulated: its damping, and how loads and sensors meet them."""
 
 from dataclasses import dataclass
 
@@ -60,10 +60,6 @@ def structure_modes(
 
     Solved for 1/ω², the lowest modes are the largest eigenvalues and keep eleven digits beside
     axial modes 10⁵ times as high; for ω² they would keep six.
-
-    Returns
-    -------
-    StructureModes
 
     Raises
     ------
@@ -127,10 +123,6 @@ def observed_modes(
     ----------
     distribution : ndarray, shape (n_dofs, n_loads)
         Forces on the degrees of freedom per unit of each load.
-
-    Returns
-    -------
-    ObservedModes
 
     Raises
     ------
