@@ -100,19 +100,24 @@ def sharpened(
     settings : OmaSettings
     """
     result, failures = list(modes), 0
+    found_hidden: list[Mode] = []
     reported = [mode for mode in modes if not mode.pair_id and mode.n_block_columns]
     for mode in sorted(reported, key=lambda each: -over_bound(each, spectrum)):
         others = [each for each in result if each is not mode]
         if failures >= MOST_FAILURES or not _all_known(mode, others, spectrum):
             continue
-        fitted, hidden = _with_hidden(mode, others, spectrum, settings)
+        merged = any(_near(mode, each) for each in found_hidden)
+        fitted, hidden = _with_hidden(mode, others, spectrum, settings, merged=merged)
         result += hidden
+        found_hidden += hidden
         if fitted is None:
             failures += 1
-            result = [_perhaps_merged(each, hidden) if each is mode else each for each in result]
-        elif hidden or fitted.frequency_std < SHARPER * mode.frequency_std:
-            gusty = _with_gusts(fitted, mode)
-            result = [gusty if each is mode else each for each in result]
+            better = _perhaps_merged(mode, found_hidden)
+        elif hidden or merged or fitted.frequency_std < SHARPER * mode.frequency_std:
+            better = _with_gusts(fitted, mode)
+        else:
+            continue
+        result = [better if each is mode else each for each in result]
     too_dense = failures >= MOST_FAILURES
     doubted = [each for each in doubtful if any(each[1] is other for other in refused)]
     confirmed = _confirmed(doubted, result, spectrum, settings, too_dense=too_dense)
@@ -122,23 +127,35 @@ def sharpened(
 
 
 def _with_hidden(
-    mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum, settings: OmaSettings
+    mode: Mode,
+    others: Sequence[Mode],
+    spectrum: WindowSpectrum,
+    settings: OmaSettings,
+    *,
+    merged: bool,
 ) -> tuple[Mode | None, list[Mode]]:
-    """The mode as the lines around it have it, and what it hides or is merged with."""
+    """The mode as the lines around it have it, and what it hides or is merged with.
+
+    merged   another mode was found to hide one near it
+    """
     around = around_mode(mode, others, spectrum)
     if around is None:
         return None, []
     fit = around.fitted()
-    fitted = _believed(mode, around, fit, spectrum, settings)
-    if fitted is not None:
-        return fitted, []
+    fitted = _believed(mode, around, fit, spectrum, settings, merged=merged)
     hidden = hidden_beside(around, fit, others, spectrum, settings)
     if hidden is None:
-        return None, []
+        return fitted, []
     around = around_mode(mode, [*others, hidden], spectrum)
     if around is None:
         return None, [hidden]
-    return _believed(mode, around, around.fitted(), spectrum, settings, merged=True), [hidden]
+    fit, merged = around.fitted(), merged or _near(mode, hidden)
+    return _believed(mode, around, fit, spectrum, settings, merged=merged), [hidden]
+
+
+def _near(mode: Mode, hidden: Mode) -> bool:
+    """Whether the poles of a mode may be those of another one, too."""
+    return abs(mode.frequency - hidden.frequency) < NEAR_WIDTHS * half_bandwidth(mode)
 
 
 def _confirmed(
@@ -277,12 +294,13 @@ def _of_pole(fitted: Mode, pole: Mode) -> Mode:
 
 
 def _perhaps_merged(mode: Mode, hidden: Sequence[Mode]) -> Mode:
-    """The mode with half the distance to what it hides added to its std: where no fit parts the
+    """The mode with half the distance to what it may hide added to its std: where no fit parts the
     two, its poles may stand between them."""
-    if not hidden:
+    distances = [each.frequency - mode.frequency for each in hidden if _near(mode, each)]
+    if not distances:
         return mode
     column = np.zeros((len(mode.covariance_factor), 1))
-    column[0] = (mode.frequency - hidden[0].frequency) / 2
+    column[0] = max(distances, key=abs) / 2
     return replace(
         mode,
         covariance_factor=np.hstack([mode.covariance_factor, column]),

@@ -38,6 +38,7 @@ BINS_A_WIDTH = 4.0  # of the distance from the nearest resonance, no less than i
 FEWEST_BINS = 12
 MOST_TOGETHER = 4  # modes of a band
 MOST_STEPS = 20  # of 152 fits of `structures` (seeds 110001 to 110060) nine in ten took 13 or fewer
+HIDDEN_SHARPER = np.array([1.0, 3.0, 10.0])  # half bandwidth of a mode over that of what it hides
 LEFT_WIDTHS = 4.0  # half bandwidths from a mode within which something left unexplained matters
 
 
@@ -147,15 +148,22 @@ def first_mode(fit: WhittleFit, band: NarrowBand) -> Mode:
 
 def left_near_first(fit: WhittleFit, band: NarrowBand) -> float:
     """Rise of ln p that one mode more, as wide as the first one, would promise near it [nats]."""
-    return max((gain for gain, _ in _places_left(fit, band)), default=0.0)
+    width = float(fit.modes.half_widths[0])
+    return max((gain for gain, _ in _places_left(fit, band, width)), default=0.0)
 
 
-def with_hidden_first(around: AroundMode, fit: WhittleFit) -> AroundMode:
-    """The modes as a fit of their lines has them, and before them one more, as wide as the first
-    one, where that fit leaves most unexplained near it."""
+def hidden_by_first(around: AroundMode, fit: WhittleFit) -> Mode:
+    """Where a fit leaves most unexplained near its first mode: a mode as wide as that one or
+    sharper, for a fit to begin with."""
     band = around.band
-    modes = modes_of_fit(fit, band)
-    _, span = max(_places_left(fit, band), key=lambda place: place[0])
+    (_, span), width = max(
+        (
+            (place, width)
+            for width in fit.modes.half_widths[0] / HIDDEN_SHARPER
+            for place in _places_left(fit, band, width)
+        ),
+        key=lambda entry: entry[0][0],
+    )
     counts = band.n_together[span]
     centre = float(counts @ band.numbers[span] / counts.sum())
     mean = np.tensordot(counts, whitened(fit.modes, band)[span].real, axes=1)
@@ -163,21 +171,20 @@ def with_hidden_first(around: AroundMode, fit: WhittleFit) -> AroundMode:
     lower = np.linalg.cholesky(expected_matrices(fit.modes, np.array([centre])))[0]
     frequency = centre / band.duration
     shape = (lower @ direction).real * band.accelerations(frequency)
-    start = replace(
-        modes[0],
+    return replace(
+        around.modes[0],
         frequency=frequency,
-        damping_ratio=half_bandwidth(modes[0]) / frequency,
+        damping_ratio=float(width) / centre,
         damping_ratio_std=0.0,
         shape=shape / shape[np.argmax(np.abs(shape))],
     )
-    return replace(around, modes=(start, *modes))
 
 
-def _places_left(fit: WhittleFit, band: NarrowBand) -> list[tuple[float, BoolArray]]:
-    """Gain and bins of every place near the first mode."""
-    position, width = fit.modes.positions[0], fit.modes.half_widths[0]
+def _places_left(fit: WhittleFit, band: NarrowBand, width: float) -> list[tuple[float, BoolArray]]:
+    """Gain and bins of every place near the first mode. width: half bandwidth there [lines]"""
+    reach = LEFT_WIDTHS * fit.modes.half_widths[0]
     white = whitened(fit.modes, band)
-    centres = band.numbers[np.abs(band.numbers - position) <= LEFT_WIDTHS * width]
+    centres = band.numbers[np.abs(band.numbers - fit.modes.positions[0]) <= reach]
     spans = [np.abs(band.numbers - centre) <= max(0.5 * width, 1.0) for centre in centres]
     return [(_gain(white, band.n_together, span), span) for span in spans]
 

@@ -12,14 +12,15 @@ from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.fit import WhittleFit, cost_of_background
+from pipeline.oma.whittle.groups import modes_of_fit
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import (
     AroundMode,
     around_mode,
     first_mode,
     half_bandwidth,
+    hidden_by_first,
     left_near_first,
-    with_hidden_first,
 )
 from pipeline.oma.whittle.spectral_peaks import KnownPeak, UnseenPeak, unseen_peaks
 
@@ -31,6 +32,7 @@ LEAST_COLOUR, MOST_COLOUR = -3.0, 5.5  # displacements have −1, accelerations 
 LEFT_BY_NEIGHBOURS = 50.0  # rise of ln p that a mode more may promise near one fitted with others:
 # of 145 such fits (`structures`, seeds 110001 to 110060) three left 21 to 42, all right; of a
 # parked tower (seed 8500) those with a hidden partner left 85 to 265
+LEFT_BY_HIDDEN = 15.0  # that makes one more worth a fit: `EVIDENCE_OF_UNSEEN` and a margin
 NEAR_WIDTHS = 2.5  # half bandwidths within which another mode shares a resonance
 FLANK_WIDTHS = 5.0  # half bandwidths of a mode within which another of its shape is its flank
 FLANK_SHAPE = 0.9  # MAC of these
@@ -72,18 +74,20 @@ def with_unseen(
             break
         start = _at_peak(peak, spectrum)
         around = around_mode(start, [*result, *harmonics], spectrum)
-        found = None if around is None else _by_evidence(around, settings)
-        if found is not None and stands_out(found, result, spectrum):
-            result.append(found)
+        found = [] if around is None else _by_evidence(around, settings)
+        if found and stands_out(found[0], result, spectrum):
+            result.append(found[0])
         else:
             failures += 1
     return sorted(result, key=lambda each: each.frequency)
 
 
-def _by_evidence(around: AroundMode, settings: OmaSettings) -> Mode | None:
-    """A mode that no pole shows, where the lines hold strong evidence of it and know it."""
+def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode]:
+    """A mode that no pole shows and its neighbours as one fit has them; none where the lines hold
+    no strong evidence of it or do not know it."""
     fit, without = around.fitted(), around.without_first()
-    mode = first_mode(fit, around.band)
+    modes = modes_of_fit(fit, around.band)
+    mode = modes[0]
     n_lines = around.band.n_lines
     evidence = (
         cost_of_background(around.band) if without is None else without.bayes_cost(n_lines)
@@ -100,7 +104,7 @@ def _by_evidence(around: AroundMode, settings: OmaSettings) -> Mode | None:
         and LEAST_COLOUR <= fit.modes.colours[0] <= MOST_COLOUR
         and left_near_first(fit, around.band) <= LEFT_BY_NEIGHBOURS
     )
-    return mode if known else None
+    return modes if known else []
 
 
 def _known_peak(mode: Mode, spectrum: WindowSpectrum) -> KnownPeak:
@@ -124,7 +128,7 @@ def _at_peak(peak: UnseenPeak, spectrum: WindowSpectrum) -> Mode:
 
 
 def hidden_beside(
-    around: AroundMode,
+    of_mode: AroundMode,
     fit: WhittleFit,
     others: Sequence[Mode],
     spectrum: WindowSpectrum,
@@ -134,7 +138,7 @@ def hidden_beside(
 
     Parameters
     ----------
-    around : AroundMode
+    of_mode : AroundMode
         The other one, its neighbours and their lines.
     fit : WhittleFit
         Of these.
@@ -143,13 +147,14 @@ def hidden_beside(
     spectrum : WindowSpectrum
     settings : OmaSettings
     """
-    if left_near_first(fit, around.band) <= LEFT_BY_NEIGHBOURS:
+    if left_near_first(fit, of_mode.band) <= LEFT_BY_HIDDEN:
         return None
-    hidden = _by_evidence(with_hidden_first(around, fit), settings)
-    if hidden is None or over_bound(hidden, spectrum) > STANDS_OUT:
+    known = [first_mode(fit, of_mode.band), *others]
+    around = around_mode(hidden_by_first(of_mode, fit), known, spectrum)
+    found = [] if around is None else _by_evidence(around, settings)
+    if not found or over_bound(found[0], spectrum) > STANDS_OUT:
         return None
-    known = any(_shares_resonance(hidden, each) for each in others)
-    return None if known else hidden
+    return None if any(_shares_resonance(found[0], each) for each in found[1:]) else found[0]
 
 
 def _shares_resonance(mode: Mode, other: Mode) -> bool:
