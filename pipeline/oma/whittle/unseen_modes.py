@@ -85,17 +85,12 @@ def with_unseen(
 def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode]:
     """A mode that no pole shows and its neighbours as one fit has them; none where the lines hold
     no strong evidence of it or do not know it."""
-    fit, without = around.fitted(), around.without_first()
+    fit = around.fitted()
     modes = modes_of_fit(fit, around.band)
     mode = modes[0]
-    n_lines = around.band.n_lines
-    evidence = (
-        cost_of_background(around.band) if without is None else without.bayes_cost(n_lines)
-    ) - fit.bayes_cost(n_lines)
     width = mode.damping_ratio * mode.frequency * around.band.duration
     known = (
         fit.converged
-        and evidence > EVIDENCE_OF_UNSEEN
         and width >= RESONANCE_WIDTH
         and mode.damping_ratio + mode.damping_ratio_std < settings.maximum_damping
         and mode.frequency_std < settings.maximum_frequency_std * mode.frequency
@@ -104,7 +99,14 @@ def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode]:
         and LEAST_COLOUR <= fit.modes.colours[0] <= MOST_COLOUR
         and left_near_first(fit, around.band) <= LEFT_BY_NEIGHBOURS
     )
-    return modes if known else []
+    return modes if known and _evidence_of_first(around, fit) > EVIDENCE_OF_UNSEEN else []
+
+
+def _evidence_of_first(around: AroundMode, fit: WhittleFit) -> float:
+    """ln of the Bayes factor of the modes over all but the first [nats]."""
+    without, n_lines = around.without_first(), around.band.n_lines
+    cost = cost_of_background(around.band) if without is None else without.bayes_cost(n_lines)
+    return cost - fit.bayes_cost(n_lines)
 
 
 def _known_peak(mode: Mode, spectrum: WindowSpectrum) -> KnownPeak:
