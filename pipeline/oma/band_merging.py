@@ -22,6 +22,9 @@ DIAGRAM_COLUMN = (
 )
 FEWEST_ORDERS = 0.3  # share of a band's orders from which a column catches the eye [-]
 COVERED = 0.01  # a column so near to a mode or a refused one belongs to it, relative
+ONE_SHAPE = 0.95  # MAC of two reported modes that may be one [-],
+TOO_NEAR_LINES, TOO_NEAR_STDS = 1.5, 2.0  # which are nearer than so many lines 1/T, or std of their
+# difference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,6 +194,65 @@ def _same(mode: Mode, other: Mode) -> bool:
         return False
     mac = modal_assurance_criterion(mode.shape[None], other.shape[None])[0, 0]
     return bool(mac >= 0.8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToldApart:
+    """Modes that a window tells apart, and those that it cannot tell from one of them."""
+
+    modes: tuple[Mode, ...]  # lowest frequency first
+    refused: tuple[RefusedMode, ...]
+
+
+def told_apart(modes: Sequence[Mode], duration: float) -> ToldApart:
+    """The modes, of two of one shape that are too near to be told apart the better known one.
+
+    Its std covers what the other one says. duration: T of the window [s]
+    """
+    kept: list[Mode] = []
+    refused: list[RefusedMode] = []
+    for mode in sorted(modes, key=lambda each: each.frequency_std):
+        at = next((i for i, other in enumerate(kept) if _too_near(mode, other, duration)), None)
+        if at is None:
+            kept.append(mode)
+            continue
+        refused.append(_repeated(mode, kept[at]))
+        kept[at] = _covering(kept[at], mode)
+    names = [mode.pair_id for mode in kept]
+    lone = [
+        replace(mode, pair_id="") if mode.pair_id and names.count(mode.pair_id) < 2 else mode
+        for mode in kept
+    ]
+    return ToldApart(tuple(sorted(lone, key=lambda each: each.frequency)), tuple(refused))
+
+
+def _too_near(mode: Mode, other: Mode, duration: float) -> bool:
+    distance = abs(mode.frequency - other.frequency)
+    std = float(np.hypot(mode.frequency_std, other.frequency_std))
+    if distance > max(TOO_NEAR_LINES / duration, TOO_NEAR_STDS * std):
+        return False
+    return bool(modal_assurance_criterion(mode.shape[None], other.shape[None])[0, 0] > ONE_SHAPE)
+
+
+def _repeated(mode: Mode, other: Mode) -> RefusedMode:
+    return RefusedMode(
+        mode.frequency,
+        mode.damping_ratio,
+        "explained",
+        f"has the shape of the mode at {other.frequency:.4g} Hz and is too near it to be told "
+        "apart from it",
+    )
+
+
+def _covering(mode: Mode, other: Mode) -> Mode:
+    """The mode with half its distance from another one added to its std."""
+    column = np.zeros((len(mode.covariance_factor), 1))
+    column[0] = (other.frequency - mode.frequency) / 2
+    return replace(
+        mode,
+        frequency_std=float(np.hypot(mode.frequency_std, column[0, 0])),
+        covariance_factor=np.hstack([mode.covariance_factor, column]),
+    )
 
 
 def harmonic(mode: Mode) -> RefusedMode:

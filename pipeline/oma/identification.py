@@ -7,7 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import Mode, QualityWarning, RefusedMode
-from pipeline.oma.band_merging import between, harmonic, merged, unstable, unsteady
+from pipeline.oma.band_merging import (
+    between,
+    harmonic,
+    merged,
+    told_apart,
+    unstable,
+    unsteady,
+)
 from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence, with_lone_modes
 from pipeline.oma.cross_check import CrossCheck, cross_checks, disagreements
 from pipeline.oma.data_quality.coupled_harmonics import CoupledHarmonics, coupled_harmonics
@@ -32,9 +39,10 @@ from pipeline.oma.ssi.bands import Band, plan_bands
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
 from pipeline.oma.ssi.covariance import References, references_among, with_bounded_references
 from pipeline.oma.ssi.stabilization import PoleCloud, integrations_of
-from pipeline.oma.whittle.lone_modes import Sharpened, bandwidth_share, sharpened, with_unseen
+from pipeline.oma.whittle.lone_modes import Sharpened, sharpened
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.spectral_peaks import LOWEST_PEAK
+from pipeline.oma.whittle.unseen_modes import bandwidth_share, with_unseen
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
@@ -207,11 +215,11 @@ def concluded(
     alike = _twins_beside(by_band, [*by_lines.modes, *judged.harmonics])
     warnings += [_coincident(each) for each in alike]
     pairs = twin_pairs(alike, steady, sampling_rate, integrations)
-    found = sorted([*by_lines.modes, *pairs], key=lambda mode: mode.frequency)
-    reasons = [*by_lines.refused, *(harmonic(mode) for mode in judged.harmonics)]
-    reasons += unstable(by_band, found, reasons)
+    found = told_apart([*by_lines.modes, *pairs], len(steady) / sampling_rate)
+    reasons = [*by_lines.refused, *found.refused, *map(harmonic, judged.harmonics)]
+    reasons += unstable(by_band, found.modes, reasons)
     return Identification(
-        tuple(found),
+        found.modes,
         tuple(warnings),
         diagrams=tuple(band.poles for band in by_band),
         refused=tuple(sorted(reasons, key=lambda each: each.frequency)),

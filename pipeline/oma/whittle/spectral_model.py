@@ -5,13 +5,16 @@ the modes a band holds a flat background N: the channels' noise, and what modes 
 add quasi-statically. Of a window of duration T the expected periodogram at line k is
 
     E_k = Φ Q_k Φᵀ + N,   Q_k = K_k (U_k P + P U_kᴴ) K_k,   P_jl = S_jl / (−λ_j − λ_l*)
-    U_k = diag(u(σ)),  u = −1/σ + (e^σ − 1)/σ²,  σ = (λ_j − 2πi k/T) T,   K_k = diag((k/k̄)^(c_j/2))
+    U_k = diag(u(σ)),  u = −1/σ + (e^σ − 1)/σ²,  σ = (λ_j − 2πi k/T) T
+    K_k = diag((k/k̄)^((c_j + 1)/2) (ν_j + k̄)/(ν_j + k))
 
 whose u holds what the finite window leaks: 1/(iω − λ) would broaden a mode that decays as slowly as
-the window lasts. The colour c of a mode is of its force and of what is measured: accelerations
-under a white force have 3, displacements −1. Left out, the tails of a mode would pull its frequency
-by a share of its std. One colour for two modes pulls both: a tower's fore-aft mode stands on the
-steep side of a sea's spectrum that its side-side mode hardly feels. With R = (I + Φᵀ N⁻¹ Φ Q)⁻¹,
+the window lasts. K holds the response's other pole, near −ν, which tells at damping of 4 % and
+more, and the colour c: near the resonance power goes with k^c, of the force and of what is
+measured; accelerations under a white force have 3, displacements −1. Left out, the tails of a mode
+would pull its frequency by a share of its std. One colour for two modes pulls both: a tower's
+fore-aft mode stands on the steep side of a sea's spectrum that its side-side mode hardly feels.
+With R = (I + Φᵀ N⁻¹ Φ Q)⁻¹,
 
     E⁻¹ = N⁻¹ − N⁻¹ Φ Q R Φᵀ N⁻¹,   Φᵀ E⁻¹ = R Φᵀ N⁻¹
 
@@ -90,8 +93,9 @@ def modal_spectra(modes: CloseModes, numbers: FloatArray) -> ComplexArray:
 
 
 def tints(modes: CloseModes, numbers: FloatArray) -> FloatArray:
-    """(k/k̄)^((c_j + c_l)/2) of each line and two modes, (n_lines, n_modes, n_modes)."""
-    root = np.exp(0.5 * log_numbers(numbers)[:, None] * modes.colours)
+    """K_j K_l of each line and two modes, (n_lines, n_modes, n_modes)."""
+    root = np.exp(0.5 * log_numbers(numbers)[:, None] * (modes.colours + 1))
+    root *= (modes.positions + numbers.mean()) / (modes.positions + numbers[:, None])
     return np.asarray(root[:, :, None] * root[:, None, :])
 
 
@@ -123,6 +127,9 @@ def with_derivatives(modes: CloseModes, numbers: FloatArray) -> ModalSpectra:
         found[:, first + each, each, :] += step * moved
         found[:, first + each, :, each] += (step * moved).conj().transpose(1, 0, 2)
     plain = left * p + p * right
+    mirrored = 1 / (modes.positions + numbers.mean()) - 1 / (modes.positions + numbers[:, None])
+    found[:, each, each, :] += mirrored[:, :, None] * plain
+    found[:, each, :, each] += (mirrored[:, None, :] * plain).transpose(2, 0, 1)
     coloured = np.zeros((len(numbers), m, m, m), dtype=complex)
     half = 0.5 * log_numbers(numbers)[:, None, None] * plain
     coloured[:, each, each, :] += half

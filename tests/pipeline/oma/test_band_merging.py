@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Mode
-from pipeline.oma.band_merging import merged
+from pipeline.oma.band_merging import merged, told_apart
 from pipeline.oma.ssi.band_identification import mode_from_factor
 from pipeline.oma.ssi.bands import Band
 from sensors.arrays import FloatArray
@@ -129,3 +129,27 @@ def test_a_shape_of_its_own_or_a_frequency_known_better_is_no_mixture() -> None:
     mixed = 0.6 * LOWER_SHAPE + 0.4 * UPPER_SHAPE
     assert between(np.array([0.1, 0.3, 1.0]), std=3 * STD) == ()
     assert between(mixed, std=0.5 * STD) == ()
+
+
+def test_two_modes_of_one_shape_that_no_window_tells_apart_are_reported_once() -> None:
+    """.2801 and .2809 Hz in ten minutes: half a line apart."""
+    one, other = mode(0.2801, 0, std=3e-4), mode(0.2809, 1, std=4e-4)
+    found = told_apart([one, other], 600.0)
+    (kept,) = found.modes
+    assert kept.frequency == one.frequency
+    assert kept.frequency_std == pytest.approx(np.hypot(3e-4, 4e-4))  # covers the other one
+    assert [each.frequency for each in found.refused] == [other.frequency]
+
+
+@pytest.mark.parametrize(
+    ("distance", "shape"),
+    [(4e-3, SHAPE), (8e-4, np.array([0.1, 1.0]))],
+    ids=["farther than it resolves", "another shape"],
+)
+def test_modes_that_a_window_tells_apart_are_both_reported(
+    distance: float, shape: FloatArray
+) -> None:
+    two = [mode(0.28, 0, std=3e-4), mode(0.28 + distance, 1, std=3e-4, shape=shape)]
+    found = told_apart(two, 600.0)
+    assert [each.frequency for each in found.modes] == [each.frequency for each in two]
+    assert not found.refused

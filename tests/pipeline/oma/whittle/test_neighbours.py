@@ -111,3 +111,29 @@ def test_a_mode_that_neighbours_leave_no_lines_below_is_not_fitted() -> None:
     below = replace(mode, frequency=mode.frequency - 2 * width)
     assert around_mode(mode, above, spectrum) is not None
     assert around_mode(mode, [*above, below], spectrum) is None
+
+
+def test_a_mode_that_another_one_hides_is_reported_and_both_are_right() -> None:
+    """No pole shows the sharp one, on the flank of a wide one whose own lines do not show it."""
+    vague = pole(0, relative_std=0.02, off=0.01)
+    result = sharpened([vague, pole(2)], [], [], window(5), OmaSettings())
+    assert len(result.modes) == 3
+    for mode, true in zip(result.modes[:2], FREQUENCIES[:2], strict=True):
+        assert mode.frequency == pytest.approx(true, abs=3 * mode.frequency_std)
+        assert mode.frequency_std < 0.01
+
+
+def test_a_pole_between_two_modes_of_nearly_one_shape_becomes_both() -> None:
+    """6 % apart, as short lags merge them; no second direction stands out."""
+    frequencies, shapes = np.array([1.0, 1.06, 2.6]), SHAPES.copy()
+    shapes[1] = shapes[0] + np.array([0.0, 0.03, 0.03])
+    damping = np.array([0.004, 0.004, 0.01])
+    generator = np.random.default_rng(6)
+    samples = ambient(frequencies, damping, shapes, RATE, np.ones(3), 0.5, generator)
+    pole_between = replace(pole(0, relative_std=0.004, off=0.03), damping_ratio=0.03)
+    spectrum = WindowSpectrum(samples, RATE)
+    found = sharpened([pole_between, pole(2)], [], [], spectrum, OmaSettings()).modes
+    assert len(found) == 3
+    for mode, true in zip(found[:2], frequencies[:2], strict=True):
+        assert mode.frequency == pytest.approx(true, abs=3 * mode.frequency_std)
+        assert mode.frequency_std < 0.005
