@@ -25,7 +25,7 @@ from pipeline.state.run_state import RunState
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
-KEPT_WINDOWS = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
+KEPT_WINDOWS = 5000  # rejections, gaps, posteriors of a live session, each: a month of ten minutes
 
 _T = TypeVar("_T", StreamGap, WindowRejected)
 
