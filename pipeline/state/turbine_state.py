@@ -31,7 +31,7 @@ MOST_NAMES_KNOWN = (
     64  # of units and of nodes of a live run's turbine, each, and of rejections' codes
 )
 LATEST_ESTIMATES = 8  # of a live run's turbine, of 30 kB each: one that comes again is among them
-MOST_TRACKS = 1000  # of a live run's turbine
+MOST_TRACKS = 500  # of a live run's turbine
 MOST_WINDOW_WARNINGS = 1000  # of its windows, that differ
 
 _Named = TypeVar("_Named")

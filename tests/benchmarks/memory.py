@@ -141,7 +141,8 @@ def answers_of(turbine: str, window: int, rng: np.random.Generator) -> Iterator[
     times = {"start_ns": start_ns, "end_ns": start_ns + WINDOW * NANOSECONDS}
     origins = (UnitOrigin("tower", "s", 0, window * WINDOW * round(RATE)),)
     drawn = drawn_estimate(TRUTH, rng, window=window)
-    yield replace(drawn, turbine=turbine, origins=origins, **times)
+    modes = tuple(replace(mode, name=f"m{n}") for n, mode in enumerate(drawn.modes))  # as tracked
+    yield replace(drawn, modes=modes, turbine=turbine, origins=origins, **times)
     stiffness = DESCRIPTION.nominal * (1 + 0.01 * rng.standard_normal((200, 3)))
     yield replace(
         POSTERIOR,
