@@ -1,7 +1,9 @@
 """What every test shares: one thread, repeatable examples, a short recording simulated once."""
 
+import atexit
 import fcntl
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +23,7 @@ pytest_plugins = ["tests.tiers", "tests.identified_once"]
 
 # Spools of publishers that tests start, in this process or another, are the tests' own.
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="pilewatch-state-")
+atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
 
 # A hundred processes that tests start share what the first of them compiles.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

@@ -25,7 +25,7 @@ from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.json_values import Json, known, with_nulls
 
-KEPT_WINDOWS = 5000  # windows, rejections and gaps of a live session, each: a month of ten minutes
+KEPT_WINDOWS = 5000  # rejections, gaps, posteriors of a live session, each: a month of ten minutes
 
 _T = TypeVar("_T", StreamGap, WindowRejected)
 

@@ -5,25 +5,48 @@ make a line in every window.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from pipeline.messages import QualityWarning
 
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 
 
-def without_repeats(warnings: Iterable[QualityWarning]) -> list[QualityWarning]:
+class DistinctWarnings:
     """Warnings that differ in code, in words or in a figure's first two digits; each as first said.
+
+    Parameters
+    ----------
+    most : int or None, optional
+        That are kept, the latest; None: all.
+    """
+
+    def __init__(self, most: int | None = None) -> None:
+        self._most = most
+        self._first: dict[tuple[str, str], QualityWarning] = {}
+
+    def add(self, warnings: Iterable[QualityWarning]) -> None:
+        """Enter warnings in the order in which they are to be read."""
+        for warning in warnings:
+            self._first.setdefault((warning.code, _NUMBER.sub(_rounded, warning.text)), warning)
+            if self._most is not None and len(self._first) > self._most:
+                del self._first[next(iter(self._first))]
+
+    def __iter__(self) -> Iterator[QualityWarning]:
+        return iter(self._first.values())
+
+
+def without_repeats(warnings: Iterable[QualityWarning]) -> list[QualityWarning]:
+    """Each warning once: see `DistinctWarnings`.
 
     Parameters
     ----------
     warnings : iterable of QualityWarning
         In the order in which they are to be read.
     """
-    kept: dict[tuple[str, str], QualityWarning] = {}
-    for warning in warnings:
-        kept.setdefault((warning.code, _NUMBER.sub(_rounded, warning.text)), warning)
-    return list(kept.values())
+    kept = DistinctWarnings()
+    kept.add(warnings)
+    return [*kept]
 
 
 def _rounded(number: re.Match[str]) -> str:

@@ -1,7 +1,7 @@
 """The modes of a whole session: one entry a track, combined over the windows that saw it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,20 +42,48 @@ class CombinedMode:
         }
 
 
-def combined_modes(
-    estimates: Sequence[ModalEstimate], posterior: FoundationPosterior | None = None
-) -> list[CombinedMode]:
-    """The modes of all windows, one entry per track, lowest frequency first; with a posterior
-    also the model modes that they were taken for."""
-    sightings: dict[str, list[tuple[Mode, float]]] = {}
-    for estimate in estimates:
+class CombinedTracks:
+    """Sums over the windows that saw each track: as large after years as after a day.
+
+    Parameters
+    ----------
+    most : int or None, optional
+        Tracks that are kept; of more the one that was not seen for longest goes. None: all.
+    """
+
+    def __init__(self, most: int | None = None) -> None:
+        self._most = most
+        self._tracks: dict[str, _Track] = {}  # by name, in the order in which they were first seen
+        self._added = 0
+
+    def add(self, estimate: ModalEstimate) -> None:
+        """Enter the modes of one more window."""
+        self._added += 1
         for number, mode in enumerate(estimate.modes):
             name = mode.name or f"window {estimate.window} mode {number + 1}"
-            sightings.setdefault(name, []).append((mode, estimate.weight))
-    latest = {name: seen[-1][0] for name, seen in sightings.items()}
-    pairs = pairs_by_track(latest, posterior) if posterior else {}
-    combined = [_combined(name, seen, pairs.get(name)) for name, seen in sightings.items()]
-    return sorted(combined, key=lambda mode: mode.frequency)
+            if name not in self._tracks:
+                self._tracks[name] = _Track(mode, mode)
+            self._tracks[name].add(mode, estimate.weight, seen=self._added)
+        while self._most is not None and len(self._tracks) > self._most:
+            del self._tracks[min(self._tracks, key=lambda name: self._tracks[name].seen)]
+
+    def modes(self, posterior: FoundationPosterior | None = None) -> list[CombinedMode]:
+        """Return one entry a track, lowest frequency first; with a posterior also the model modes
+        that they were taken for."""
+        latest = {name: track.latest for name, track in self._tracks.items()}
+        pairs = pairs_by_track(latest, posterior) if posterior else {}
+        combined = [track.combined(name, pairs.get(name)) for name, track in self._tracks.items()]
+        return sorted(combined, key=lambda mode: mode.frequency)
+
+
+def combined_modes(
+    estimates: Iterable[ModalEstimate], posterior: FoundationPosterior | None = None
+) -> list[CombinedMode]:
+    """The modes of all windows: see `CombinedTracks.modes`."""
+    tracks = CombinedTracks()
+    for estimate in estimates:
+        tracks.add(estimate)
+    return tracks.modes(posterior)
 
 
 def pairs_by_track(
@@ -98,39 +126,68 @@ def _member_pair(mode: Mode, pair: ModePair, posterior: FoundationPosterior) -> 
     )
 
 
-def _combined(name: str, seen: Sequence[tuple[Mode, float]], pair: ModePair | None) -> CombinedMode:
-    modes = [mode for mode, _ in seen]
-    weights = np.array([weight for _, weight in seen])
-    frequency, frequency_std = _weighted_mean(
-        [mode.frequency for mode in modes], [mode.frequency_std for mode in modes], weights
-    )
-    damping, damping_std = _weighted_mean(
-        [mode.damping_ratio for mode in modes],
-        [mode.damping_ratio_std for mode in modes],
-        weights,
-    )
-    sharpest = min(modes, key=lambda mode: mode.frequency_std)
-    return CombinedMode(
-        name=name if pair is None else pair.model,
-        frequency=frequency,
-        frequency_std=frequency_std,
-        damping_ratio=damping,
-        damping_ratio_std=damping_std,
-        shape=tuple(float(component) for component in sharpest.shape),
-        seen_in_windows=len(modes),
-        pair_id=modes[-1].pair_id,
-        quality=float(np.mean([mode.quality for mode in modes])),
-        pair=pair,
-    )
+@dataclass(slots=True)
+class _WeightedMean:
+    """Of independent estimates of one figure; overlapping windows count their samples once."""
+
+    n: int = 0
+    total: float = 0.0
+    weighted: float = 0.0  # Σ w x / s²
+    precision: float = 0.0  # Σ w / s²
+    is_weighted: bool = True  # every std is known and positive
+
+    def add(self, value: float, std: float, weight: float) -> None:
+        """Enter one more."""
+        with np.errstate(all="ignore"):
+            precision = float(np.divide(weight, np.square(std)))
+        self.n += 1
+        self.total += value
+        self.is_weighted &= bool(np.isfinite(precision) and precision > 0)
+        if self.is_weighted:
+            self.weighted += precision * value
+            self.precision += precision
+
+    @property
+    def mean_and_std(self) -> tuple[float, float]:
+        """The plain mean, of unknown std, where one of the weights is not known."""
+        if not self.is_weighted:
+            return self.total / self.n, float("nan")
+        return self.weighted / self.precision, float(self.precision**-0.5)
 
 
-def _weighted_mean(
-    values: Sequence[float], stds: Sequence[float], weights: np.ndarray
-) -> tuple[float, float]:
-    """Mean and std of independent estimates; `weights` count overlapping windows once."""
-    with np.errstate(all="ignore"):
-        precisions = weights / np.square(stds)
-    if not np.all(np.isfinite(precisions)) or not np.all(precisions > 0):
-        return float(np.mean(values)), float("nan")
-    total = float(precisions.sum())
-    return float(np.dot(precisions, values) / total), total**-0.5
+@dataclass(slots=True)
+class _Track:
+    """What the windows that saw a mode add up to."""
+
+    latest: Mode
+    sharpest: Mode
+    seen: int = 0  # number of the last window that saw it
+    quality: float = 0.0  # summed
+    frequency: _WeightedMean = field(default_factory=_WeightedMean)
+    damping: _WeightedMean = field(default_factory=_WeightedMean)
+
+    def add(self, mode: Mode, weight: float, *, seen: int) -> None:
+        """Enter one more window that saw it."""
+        self.latest, self.seen = mode, seen
+        if mode.frequency_std < self.sharpest.frequency_std:
+            self.sharpest = mode
+        self.quality += mode.quality
+        self.frequency.add(mode.frequency, mode.frequency_std, weight)
+        self.damping.add(mode.damping_ratio, mode.damping_ratio_std, weight)
+
+    def combined(self, name: str, pair: ModePair | None) -> CombinedMode:
+        """The track's entry, named after the model's mode where it was paired."""
+        frequency, frequency_std = self.frequency.mean_and_std
+        damping, damping_std = self.damping.mean_and_std
+        return CombinedMode(
+            name=name if pair is None else pair.model,
+            frequency=frequency,
+            frequency_std=frequency_std,
+            damping_ratio=damping,
+            damping_ratio_std=damping_std,
+            shape=tuple(float(component) for component in self.sharpest.shape),
+            seen_in_windows=self.frequency.n,
+            pair_id=self.latest.pair_id,
+            quality=self.quality / self.frequency.n,
+            pair=pair,
+        )

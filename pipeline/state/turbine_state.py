@@ -19,8 +19,8 @@ from pipeline.messages import (
     same_window,
     without_covariances,
 )
-from pipeline.state.repeated_warnings import without_repeats
-from pipeline.state.run_modes import CombinedMode, combined_modes
+from pipeline.state.repeated_warnings import DistinctWarnings, without_repeats
+from pipeline.state.run_modes import CombinedMode, CombinedTracks
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
@@ -30,6 +30,9 @@ _Item = TypeVar("_Item")
 MOST_NAMES_KNOWN = (
     64  # of units and of nodes of a live run's turbine, each, and of rejections' codes
 )
+LATEST_ESTIMATES = 8  # of a live run's turbine, of 30 kB each: one that comes again is among them
+MOST_TRACKS = 500  # of a live run's turbine
+MOST_WINDOW_WARNINGS = 1000  # of its windows, that differ
 
 _Named = TypeVar("_Named")
 
@@ -97,9 +100,13 @@ class TurbineState:
 
     turbine: str
     kept: int | None = None
-    """Windows, rejections, gaps and events that are kept, each; None: all."""
+    """Rejections, gaps, events and posteriors that are kept, each; None: all, and all windows."""
     estimates: list[ModalEstimate] = field(default_factory=list)
-    """Identified windows, each once, without covariance factors."""
+    """Identified windows, each once, without covariance factors; of a live run the latest."""
+    tracks: CombinedTracks = field(default_factory=CombinedTracks)
+    """Modes over all windows."""
+    window_warnings: DistinctWarnings = field(default_factory=DistinctWarnings)
+    """Warnings of all windows."""
     rejected: list[WindowRejected] = field(default_factory=list)
     gaps: list[StreamGap] = field(default_factory=list)
     """Gaps, each once."""
@@ -135,6 +142,11 @@ class TurbineState:
     """Start of the first block [ns since 1970-01-01 UTC]."""
     last_ns: int | None = None
     """End of the latest sample [ns since 1970-01-01 UTC]."""
+
+    def __post_init__(self) -> None:
+        if self.kept is not None:
+            self.tracks = CombinedTracks(MOST_TRACKS)
+            self.window_warnings = DistinctWarnings(MOST_WINDOW_WARNINGS)
 
     def fold(self, message: Message, *, counts: bool = True) -> None:
         """Take one message into account.
@@ -211,13 +223,13 @@ class TurbineState:
     @property
     def modes(self) -> list[CombinedMode]:
         """Modes of all windows, one entry a track."""
-        return combined_modes(self.estimates, self.posterior)
+        return self.tracks.modes(self.posterior)
 
     @property
     def warnings(self) -> list[QualityWarning]:
         """Every warning once: the last posterior's, the windows', the nodes'."""
         found = [*(self.posterior.warnings if self.posterior else ())]
-        found += [each for estimate in self.estimates for each in estimate.warnings]
+        found += self.window_warnings
         found += [each for status in self.statuses.values() for each in status.warnings]
         return without_repeats(found)
 
@@ -237,7 +249,9 @@ class TurbineState:
         self.estimate = self.last_answer = estimate
         if all(not same_window(each, estimate) for each in self.estimates):
             self.estimates.append(estimate)
-            self._let_go(self.estimates, "windows")
+            self.tracks.add(estimate)
+            self.window_warnings.add(estimate.warnings)
+            self._let_go(self.estimates, "windows", most=LATEST_ESTIMATES)
 
     def _rejection(self, rejected: WindowRejected) -> None:
         """Keep a rejection once.
@@ -279,9 +293,11 @@ class TurbineState:
         if self.kept is not None and len(self.posteriors) > self.kept:
             del self.posteriors[next(iter(self.posteriors))]
 
-    def _let_go(self, items: list[_Item], name: str) -> list[_Item]:
+    def _let_go(self, items: list[_Item], name: str, most: int | None = None) -> list[_Item]:
         """Keep the latest of a run that may last for years; return what went, counted."""
-        gone = [] if self.kept is None else items[: max(0, len(items) - self.kept)]
+        if self.kept is None:
+            return []
+        gone = items[: max(0, len(items) - min(self.kept, most or self.kept))]
         del items[: len(gone)]
         self.gone[name] += len(gone)
         return gone

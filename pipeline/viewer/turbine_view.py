@@ -39,6 +39,9 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.structure.description import TurbineDescription
 
+MOST_AHEAD = 20  # windows that the identification may be ahead; of a session that only tracks
+# modes no estimate is answered
+
 
 class NodeView:
     """Draw a node's state at most every `period` [s], with the worst value since the last row."""
@@ -108,7 +111,7 @@ class TurbineView:
         self._modes = ModeView(recording, root, self._outline, labels=labels, rates=rates)
         self._nodes = NodeView(recording, root, period=rates.nodes)
         self._status = SessionStatus(turbine, title=description.title, has_structure=has_structure)
-        self._estimates: dict[int, ModalEstimate] = {}  # by window, those without a posterior yet
+        self._estimates: dict[int, ModalEstimate] = {}  # by window, the last without a posterior
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
         self._sized = False  # a change of known size was detected
@@ -171,7 +174,10 @@ class TurbineView:
 
     def draw_estimate(self, estimate: ModalEstimate) -> None:
         """Draw identified frequencies; the posterior adds shapes and tracks."""
+        self._estimates.pop(estimate.window, None)
         self._estimates[estimate.window] = estimate
+        if len(self._estimates) > MOST_AHEAD:
+            del self._estimates[next(iter(self._estimates))]
         layout = self._layouts.named(estimate.layout_id)
         self._at(estimate.end_ns)
         track_views.log_estimate(

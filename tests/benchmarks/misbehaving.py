@@ -41,14 +41,14 @@ Blocks = Iterator[AccelerationBlock]
 
 
 def sent(n_channels: int, rate: float, length: float = 1.0) -> Blocks:
-    """Noise of so many channels, in blocks of so many seconds."""
+    """Noise of so many channels, in blocks of so many seconds, none of which comes twice: that
+    would be refused as repeated."""
     rng, n = np.random.default_rng(1), round(rate * length)
-    samples = rng.standard_normal((n, n_channels)).astype(np.float32)
     start_ns = time.time_ns()
     for number in range(int(SECONDS / length)):
         at = start_ns + round(number * length * NANOSECONDS)
-        turned = np.roll(samples, 7 * number, axis=0)
-        yield AccelerationBlock("t05", "tower", "s", "l", number, number * n, at, rate, turned)
+        noise = rng.standard_normal((n, n_channels), dtype=np.float32)
+        yield AccelerationBlock("t05", "tower", "s", "l", number, number * n, at, rate, noise)
 
 
 def odd_sizes() -> Blocks:

@@ -1,12 +1,16 @@
 """The table of streams: one key for each message, found again from either side."""
 
+from dataclasses import replace
 from typing import get_args
 
+import numpy as np
 import pytest
 
-from pipeline.messages import Message, NodeStatus
+from pipeline.messages import Message, ModalEstimate, NodeStatus
 from pipeline.streams import STREAMS, key_of, stream_of
+from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import AccelerationBlock
+from tests.pipeline.example_estimates import estimate, mode
 from tests.pipeline.example_messages import LAYOUT, block, rejection, status
 
 
@@ -34,6 +38,14 @@ def test_a_window_of_ten_minutes_can_be_fetched_again_from_the_publisher() -> No
     stream = stream_of(AccelerationBlock)
     assert stream.period is not None
     assert stream.cached * stream.period >= 600.0
+
+
+def test_what_a_publisher_keeps_of_a_turbine_is_bounded_by_megabytes() -> None:
+    """Modes of eight channels with their factors: some 40 a window, of 40 columns."""
+    modes = [
+        replace(mode(0.1 + n, np.ones(8)), covariance_factor=np.ones((10, 40))) for n in range(40)
+    ]
+    assert len(encode(estimate(*modes))) * stream_of(ModalEstimate).cached < 4e6
 
 
 def test_a_type_that_does_not_travel_has_no_stream() -> None:

@@ -13,7 +13,7 @@ from sensors.arrays import FloatArray
 MISSED_WINDOWS = 144  # windows without a mode for each window with it, after which it is forgotten
 ESTABLISHED = 1  # windows that have seen a mode before its absence means anything
 SEEN_MOSTLY = 0.5  # of the windows since the first see it where its absence is an exception [-]
-SOLVED = 2000  # modes whose mean and covariance are remembered: of some turbines
+SOLVED = 400  # modes whose mean and covariance are remembered: of some evidences of one window
 LONGEST_PATIENCE = 4320  # windows, a month of ten minutes each
 
 

@@ -240,6 +240,7 @@ def test_a_mistake_gives_one_line(
         ("a,b\n1,2\n3,4\n", (), "give --sampling-rate HZ"),
         ("a,b\n1,2\n3,4\n", ("--sampling-rate", "-5"), "-5 Hz; it must be positive"),
         ("t,a\n0,2\n1,4\n", ("--window", "60"), "--window 60 s does not fit"),
+        ("t,a\n0,2\n.01,4\n", ("--window", "60"), "--window 60 s does not fit"),
     ],
 )
 def test_a_broken_text_file_gives_one_line(

@@ -1,6 +1,7 @@
 """A source states its structure, or there is none; a recording brings the files it names."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,12 @@ def test_a_scenario_beside_a_simulated_one_is_refused() -> None:
         open_source("simulate:parked", "tide")
     assert open_source("simulate:parked", "parked").scenario.name == "parked"
     assert open_source("simulate", "tide").scenario.name == "tide"
+
+
+def test_turbines_are_a_recordings_or_the_scenarios() -> None:
+    scenario = open_source("simulate", "farm")
+    assert len(scenario.turbines) == scenario.scenario.farm.turbines > 1
+    assert replace(scenario, layouts={"a": LAYOUT, "b": LAYOUT}).turbines == ("a", "b")
 
 
 def test_a_live_source_without_a_scenario_has_no_structure(

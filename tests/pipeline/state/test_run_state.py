@@ -1,6 +1,6 @@
 """RunState: each message folded once; summary, status, figures and indicators agree on it."""
 
-from pipeline.messages import WindowRejected
+from pipeline.messages import QualityWarning, WindowRejected
 from pipeline.monitoring.status import status_figures
 from pipeline.monitoring.summary import run_figures, turbine_figures
 from pipeline.state.run_state import RunState
@@ -63,6 +63,37 @@ def test_what_is_let_go_stays_counted() -> None:
     assert state.gone["windows"] == 3
     assert state.received["ModalEstimate"] == 5
     assert list(state.statuses) == ["recorder"]
+
+
+def test_modes_and_warnings_of_a_live_run_are_of_all_windows_although_few_are_kept() -> None:
+    live, whole = RunState(kept=1000), RunState()
+    for window in range(30):
+        seen = mode("m1", 1.0 + 0.01 * window, 0.1 + 0.001 * abs(window - 3))
+        text = f"two modes near {1 + window} Hz"
+        warned = estimate(window, seen, warnings=(QualityWarning("close", text),))
+        for run in (live, whole, live):  # as after a restart
+            run.fold(warned)
+    kept, of_all = live.turbine("t1"), whole.turbine("t1")
+    assert [each.window for each in kept.estimates] == [22, 23, 24, 25, 26, 27, 28, 29]
+    assert kept.gone["windows"] == 22
+    assert [each.as_json() for each in kept.modes] == [each.as_json() for each in of_all.modes]
+    assert kept.modes[0].shape == (1.0, 1.03)  # of the window that saw it sharpest, long gone
+    assert kept.warnings == of_all.warnings
+    assert len(kept.warnings) == 30
+
+
+def test_what_a_live_run_keeps_of_tracks_and_warnings_is_bounded(monkeypatch) -> None:
+    monkeypatch.setattr("pipeline.state.turbine_state.MOST_TRACKS", 3)
+    monkeypatch.setattr("pipeline.state.turbine_state.MOST_WINDOW_WARNINGS", 2)
+    run = RunState(kept=1000)
+    for window in range(6):
+        warning = QualityWarning(f"code {window}", "")
+        modes = (mode("m1", 9.0, 0.1), mode(f"new {window}", window, 0.1))
+        run.fold(estimate(window, *modes, warnings=(warning,)))
+    state = run.turbine("t1")
+    assert [each.name for each in state.modes] == ["new 4", "new 5", "m1"]
+    assert state.modes[-1].seen_in_windows == 6
+    assert [each.code for each in state.warnings] == ["code 4", "code 5"]
 
 
 def test_a_rejection_that_comes_again_is_kept_once_beside_others() -> None:

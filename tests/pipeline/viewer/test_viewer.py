@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 import rerun.blueprint as rrb
 
 from pipeline.messages import (
@@ -17,10 +18,13 @@ from pipeline.messages import (
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
+from pipeline.viewer.turbine_view import MOST_AHEAD, TurbineView
+from pipeline.viewer.update_rates import TO_FILE
 from pipeline.viewer.view_parameters import time_series, with_margins
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.structure.description import bare_mast
+from tests.pipeline.example_estimates import estimate, mode
 from tests.pipeline.viewer.conftest import record
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import (
@@ -474,6 +478,17 @@ def test_without_a_structure_identified_shapes_are_drawn_from_the_layout(
         assert modes_only.column(f"{ROOT}/shapes/{label}/motion", "Transform3D:scale")
     captions = modes_only.column(f"{ROOT}/shapes/m2/caption", "Points3D:labels")
     assert captions[-1][0] == "FA"
+
+
+def test_windows_that_no_posterior_answers_do_not_gather(tmp_path: Path) -> None:
+    """Of a session that only tracks modes, and of windows that the updating refuses."""
+    recording = rr.RecordingStream("test", recording_id="unanswered")
+    recording.save(tmp_path / "s.rrd")
+    view = TurbineView(recording, "t1", bare_mast(LAYOUT), rates=TO_FILE, has_structure=False)
+    for number in range(MOST_AHEAD + 5):
+        view.draw_estimate(estimate(mode(0.16, np.ones(8)), number=number))
+    recording.disconnect()
+    assert [*view._estimates] == [*range(5, MOST_AHEAD + 5)]
 
 
 def test_without_a_structure_the_status_is_of_modes(modes_only: Recorded) -> None:

@@ -20,9 +20,11 @@ from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import parsed
 from sensors.feeds.live import LiveFeed, Measured
 from sensors.feeds.opcua.nodes import Variable, chosen, declared_nodes
+from sensors.feeds.opcua.scada_values import ScadaValueReader
 from sensors.feeds.opcua.security import secure
 from sensors.feeds.opcua.values import OVERFLOW, ValueReader, nanoseconds_of
 from sensors.feeds.open_feed import listed_variables, open_feed
+from sensors.feeds.payloads.scada import ScadaReader
 from sensors.feeds.protocol import ChannelSamples, FeedCounts, FeedError
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.opcua_server import BEGIN, SPACE, OpcUaServer
@@ -313,6 +315,16 @@ def test_an_array_is_samples_that_follow_each_other(stamp: str, begin: float) ->
     (piece,) = pieces(ValueReader(FeedCounts(), 10.0, stamp), "ax", array)
     assert piece.samples.ravel().tolist() == [1.0, 2.0, 3.0, 4.0]
     assert piece.start_ns == nanoseconds_of(BEGIN + timedelta(seconds=begin))
+
+
+def test_a_report_that_a_controller_repeats_is_one() -> None:
+    counts = FeedCounts()
+    controller = ScadaReader(parsed("scada+opcua://h?wind_speed=w"), "t1")
+    reader = ScadaValueReader(controller, counts)
+    seconds = (0.0, 1.0, 2.0, 3.0, 3.0, 2.0, 4.0)
+    given = [each for second in seconds for each in reader.read("w", value(9.5, second))]
+    assert len(given) == 5
+    assert (counts.received, counts.late + counts.duplicate) == (7, 2)
 
 
 def test_a_controllers_variables_are_reports(server: OpcUaServer) -> None:

@@ -92,6 +92,17 @@ def test_the_refined_stiffness_lies_near_the_truth(search):
     assert search.best(targets).ratios == pytest.approx(ratios, rel=0.1)
 
 
+def test_ways_downhill_are_the_same_alone_as_together(search):
+    targets, _ = targets_of(
+        drawn_estimate(np.array([0.9, 1.1, 1.0]), np.random.default_rng(186003))
+    )
+    starts = np.array([[3.5, 0.5, 0.3], [0.5, 2.0, 0.9], [0.95, 1.05, 1.0]])
+    together = search._followed(targets, starts, (0.03, 0.004))
+    for start, end in zip(starts, together, strict=True):
+        (alone,) = search._followed(targets, start[None], (0.03, 0.004))
+        assert alone.ratios == pytest.approx(end.ratios, rel=1e-9)
+
+
 def test_a_pair_that_costs_more_than_a_rejection_is_never_made():
     targets, _ = targets_of(drawn_estimate(np.ones(3), np.random.default_rng(6), labels=("3", "4")))
     costs = np.array([[1.0, 0.5], [20.0, 0.1]])

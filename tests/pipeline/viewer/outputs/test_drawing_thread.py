@@ -74,6 +74,9 @@ def test_a_frozen_viewer_blocks_nothing(caplog: pytest.LogCaptureFixture):
             thread.take(MESSAGE)  # returns though nothing is drawn
         thread.close()
     assert drawing.ended == "left behind"
+    left = [each for each in threading.enumerate() if each.name == "viewer"]
+    assert left  # it hangs
+    assert all(each.daemon for each in left)  # and the process ends without it
     assert [record.levelname for record in caplog.records] == ["WARNING", "WARNING"]
     drawing.open.set()
 

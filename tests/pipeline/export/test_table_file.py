@@ -1,0 +1,24 @@
+"""Rows on their way into a file: so many are held at most."""
+
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+
+from pipeline.export.table_file import TableFile
+
+
+def test_rows_are_written_in_groups_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.export.table_file.ROW_GROUP", 4)
+    path, schema = tmp_path / "t.parquet", pa.schema([("n", pa.int64())])
+    table = TableFile(path, schema, "parquet")
+    for n in range(10):
+        table.add_rows([(n,)])
+    assert table.rows == 10
+    table.close()
+    whole = parquet.ParquetFile(path)
+    assert [whole.metadata.row_group(n).num_rows for n in range(3)] == [4, 4, 2]
+    assert whole.read()["n"].to_pylist() == list(range(10))
