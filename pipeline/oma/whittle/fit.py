@@ -16,6 +16,8 @@ from functools import cache
 
 import numpy as np
 
+from pipeline.messages import Mode
+from pipeline.modal_assurance import normalised_with_deviations
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.spectral_model import (
     CloseModes,
@@ -333,3 +335,54 @@ def whitened(modes: CloseModes, band: NarrowBand) -> ComplexArray:
     (n_bins, n_channels, n_channels)."""
     lower = np.linalg.inv(np.linalg.cholesky(expected_matrices(modes, band.numbers)))
     return np.asarray(lower @ band.matrices @ lower.conj().transpose(0, 2, 1))
+
+
+def covariance_root(covariance: FloatArray) -> FloatArray:
+    """B of a covariance B Bᵀ."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def modes_of_fit(fit: WhittleFit, band: NarrowBand) -> list[Mode]:
+    """Every mode of a fit with the covariance that the lines leave it, in the fit's order."""
+    root = covariance_root(fit.covariance)
+    return [_mode(fit, band, place, root) for place in range(fit.modes.n_modes)]
+
+
+def _mode(fit: WhittleFit, band: NarrowBand, j: int, root: FloatArray) -> Mode:
+    """root: of the covariance of all parameters, (n_parameters, n_parameters)"""
+    modes, m = fit.modes, fit.modes.n_modes
+    n_channels = len(modes.shapes)
+    position, half_width = float(modes.positions[j]), float(modes.half_widths[j])
+    damping = half_width / float(np.hypot(position, half_width))
+    frequency = float(np.hypot(position, half_width)) / band.duration
+    first = len(root) - m * (n_channels - 1) + j * (n_channels - 1)
+    scales = band.accelerations(frequency)
+    moved = np.zeros((n_channels, root.shape[1]))
+    moved[np.arange(n_channels) != modes.units[j]] = root[first : first + n_channels - 1]
+    shape, shape_factor = normalised_with_deviations(
+        (modes.shapes[:, j] * scales).astype(complex), (moved * scales[:, None]).astype(complex)
+    )
+    rows = np.vstack(
+        [root[j] / band.duration, damping * (root[m + j] - root[j] / position), shape_factor]
+    )
+    factor = compact(rows)
+    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
+    return Mode(
+        name="",
+        frequency=frequency,
+        frequency_std=float(frequency_std),
+        damping_ratio=damping,
+        damping_ratio_std=float(damping_std),
+        shape=shape,
+        covariance_factor=factor,
+        n_block_columns=0,
+    )
+
+
+def compact(rows: FloatArray) -> FloatArray:
+    """A factor of the same covariance with no more columns than rows; zero rows stay zero."""
+    left, values, _ = np.linalg.svd(rows, full_matrices=False)
+    factor = left * values
+    factor[~rows.any(axis=1)] = 0.0
+    return np.asarray(factor)

@@ -12,11 +12,10 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.messages import Mode
-from pipeline.modal_assurance import normalised_with_deviations
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.whittle.fit import WhittleFit
+from pipeline.oma.whittle.fit import WhittleFit, covariance_root, modes_of_fit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
-from pipeline.oma.whittle.pair_axes import along_axes, along_perpendicular_axes, compact
+from pipeline.oma.whittle.pair_axes import along_axes, along_perpendicular_axes
 from pipeline.oma.whittle.selection import Needed, best_fit, left_unexplained
 from sensors.arrays import FloatArray
 
@@ -158,7 +157,7 @@ def modes_of_group(
         perpendicular = _perpendicular(best, band, group)
         best = best if perpendicular is None else perpendicular
     covariance = best.covariance
-    root = _root(covariance)
+    root = covariance_root(covariance)
     modes = {
         place: mode
         for place, mode in enumerate(modes_of_fit(best, band))
@@ -270,47 +269,4 @@ def _spread_about(mode: Mode, mean: float, spread: float) -> Mode:
         frequency_std=float(np.hypot(mode.frequency_std, spread)),
         covariance_factor=np.hstack([mode.covariance_factor, column]),
         pair_id=f"{mean:.4f} Hz",
-    )
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """B of a covariance B Bᵀ."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def modes_of_fit(fit: WhittleFit, band: NarrowBand) -> list[Mode]:
-    """Every mode of a fit with the covariance that the lines leave it, in the fit's order."""
-    root = _root(fit.covariance)
-    return [_mode(fit, band, place, root) for place in range(fit.modes.n_modes)]
-
-
-def _mode(fit: WhittleFit, band: NarrowBand, j: int, root: FloatArray) -> Mode:
-    """root: of the covariance of all parameters, (n_parameters, n_parameters)"""
-    modes, m = fit.modes, fit.modes.n_modes
-    n_channels = len(modes.shapes)
-    position, half_width = float(modes.positions[j]), float(modes.half_widths[j])
-    damping = half_width / float(np.hypot(position, half_width))
-    frequency = float(np.hypot(position, half_width)) / band.duration
-    first = len(root) - m * (n_channels - 1) + j * (n_channels - 1)
-    scales = band.accelerations(frequency)
-    moved = np.zeros((n_channels, root.shape[1]))
-    moved[np.arange(n_channels) != modes.units[j]] = root[first : first + n_channels - 1]
-    shape, shape_factor = normalised_with_deviations(
-        (modes.shapes[:, j] * scales).astype(complex), (moved * scales[:, None]).astype(complex)
-    )
-    rows = np.vstack(
-        [root[j] / band.duration, damping * (root[m + j] - root[j] / position), shape_factor]
-    )
-    factor = compact(rows)
-    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
-    return Mode(
-        name="",
-        frequency=frequency,
-        frequency_std=float(frequency_std),
-        damping_ratio=damping,
-        damping_ratio_std=float(damping_std),
-        shape=shape,
-        covariance_factor=factor,
-        n_block_columns=0,
     )

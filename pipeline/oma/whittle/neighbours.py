@@ -17,10 +17,10 @@ from pipeline.oma.whittle.fit import (
     WhittleFit,
     every_parameter,
     fitted,
+    modes_of_fit,
     prior_noise,
     whitened,
 )
-from pipeline.oma.whittle.groups import modes_of_fit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
 from pipeline.oma.whittle.spectral_model import CloseModes, expected_matrices, n_inner
 from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray

@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion, normalised_with_deviations
-from pipeline.oma.whittle.fit import WhittleFit, every_parameter, fitted
+from pipeline.oma.whittle.fit import WhittleFit, compact, every_parameter, fitted
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.spectral_model import CloseModes, force_parameters, n_inner
 from sensors.arrays import ComplexArray, FloatArray, IntArray
@@ -212,14 +212,6 @@ def _entry(
         n_block_columns=0,
         pair_id=pair_id,
     )
-
-
-def compact(rows: FloatArray) -> FloatArray:
-    """A factor of the same covariance with no more columns than rows; zero rows stay zero."""
-    left, values, _ = np.linalg.svd(rows, full_matrices=False)
-    factor = left * values
-    factor[~rows.any(axis=1)] = 0.0
-    return np.asarray(factor)
 
 
 def along_perpendicular_axes(

@@ -11,8 +11,7 @@ import numpy as np
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.whittle.fit import WhittleFit, cost_of_background
-from pipeline.oma.whittle.groups import modes_of_fit
+from pipeline.oma.whittle.fit import WhittleFit, cost_of_background, modes_of_fit
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import (
     AroundMode,

@@ -20,9 +20,8 @@ from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import parsed
 from sensors.feeds.live import LiveFeed, Measured
 from sensors.feeds.opcua.nodes import Variable, chosen, declared_nodes
-from sensors.feeds.opcua.scada_values import ScadaValueReader
 from sensors.feeds.opcua.security import secure
-from sensors.feeds.opcua.values import OVERFLOW, ValueReader, nanoseconds_of
+from sensors.feeds.opcua.values import OVERFLOW, ScadaValueReader, ValueReader, nanoseconds_of
 from sensors.feeds.open_feed import listed_variables, open_feed
 from sensors.feeds.payloads.scada import ScadaReader
 from sensors.feeds.protocol import ChannelSamples, FeedCounts, FeedError
