@@ -55,8 +55,9 @@ SURE_SHARE = 0.25  # of the half bandwidth: what f and ζ of a mode are known to
 # vague; of 48 `structures` (seeds 74001 to 74048) no pole of noise was known better than to .5
 MODERATE_SHARE = 0.75  # of the half bandwidth: what f and ζ are known to, where the shape is [-]
 
-MOST_FITTED_CHANNELS = 32  # the noise of n channels has n (n + 1) / 2 parameters in a fit: with
-# 32 a window takes 40 s of CPU, with 50 minutes; beyond, the poles stand as they are
+MOST_FITTED_CHANNELS = 20  # the noise of n channels has n (n + 1) / 2 parameters in a fit: a window
+# of eight modes two of which are near took 9, 28, 58, 227 s of CPU with 8, 16, 20, 32 channels, and
+# beyond two minutes it is given up; with more channels the poles stand as they are
 
 TWINS_PLACE = 0.01  # twins this near to a mode that was found are reported by it, relative
 
