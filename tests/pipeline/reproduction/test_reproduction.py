@@ -133,6 +133,14 @@ def assert_stands_alone(page: str) -> None:
     assert all(source.startswith("data:") for source in parser.found)
 
 
+@pytest.mark.parametrize(("apart", "peaks"), [(0.0, 1), (1.5, 1), (5.0, 2)])
+def test_a_peak_stands_out_of_its_valleys(example: Example, apart: float, peaks: int) -> None:
+    """Two normal densities 1.5 standard deviations apart have one maximum, 5 apart two."""
+    draws = np.random.default_rng(3).standard_normal((2000, 4))
+    draws[:700, 0] += apart
+    assert n_peaks(replace(example.corrected, draws=draws)) == peaks
+
+
 def test_many_seeds_are_in_one_table(study: Study) -> None:
     table = dict(over_seeds(study.of("published")))
     assert table["found, modes 1 to 11"].count(" ") == 10
