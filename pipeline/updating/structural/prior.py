@@ -162,7 +162,7 @@ class JointCoordinates:
     def with_prior_std(self, place: int, std: float) -> "JointCoordinates":
         """The same with another prior standard deviation of one coordinate."""
         other = self.with_level_std(self.level_std)
-        precision = self.prior_precision.copy()
+        precision = other.prior_precision.copy()
         precision[place], precision[:, place] = 0.0, 0.0
         precision[place, place] = std**-2
         other.prior_precision = precision
