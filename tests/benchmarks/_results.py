@@ -63,10 +63,10 @@ def kept(name: str) -> dict[str, Any] | None:
 
 
 def is_old(result: Mapping[str, Any]) -> bool:
-    """Return whether what a result depends on was changed after the commit it was measured at."""
+    """Return whether what a result depends on is another text than at the commit it was measured at:
+    what was changed and taken back is not."""
     depends = [each for each in result["depends"] if (ROOT / each).exists()]
-    changed = git("rev-list", "--count", f"{result['commit']}..HEAD", "--", *depends)
-    return changed not in ("0", "")
+    return git("diff", "--name-only", result["commit"], "HEAD", "--", *depends) != ""
 
 
 def git(*arguments: str) -> str:
