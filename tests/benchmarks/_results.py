@@ -63,8 +63,7 @@ def kept(name: str) -> dict[str, Any] | None:
 
 
 def is_old(result: Mapping[str, Any]) -> bool:
-    """Return whether what a result depends on is another text than at the commit it was measured at:
-    what was changed and taken back is not."""
+    """Return whether what a result depends on is another text than when it was measured."""
     depends = [each for each in result["depends"] if (ROOT / each).exists()]
     return git("diff", "--name-only", result["commit"], "HEAD", "--", *depends) != ""
 
