@@ -366,17 +366,25 @@ def _mode(fit: WhittleFit, band: NarrowBand, j: int, root: FloatArray) -> Mode:
     rows = np.vstack(
         [root[j] / band.duration, damping * (root[m + j] - root[j] / position), shape_factor]
     )
+    return mode_of_rows(frequency, damping, shape, rows)
+
+
+def mode_of_rows(
+    frequency: float, damping_ratio: float, shape: FloatArray, rows: FloatArray, pair_id: str = ""
+) -> Mode:
+    """A mode with the covariance that rows B of (f, ζ, φ) give, B Bᵀ, (2 + n_channels, n)."""
     factor = compact(rows)
     frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
     return Mode(
         name="",
         frequency=frequency,
         frequency_std=float(frequency_std),
-        damping_ratio=damping,
+        damping_ratio=damping_ratio,
         damping_ratio_std=float(damping_std),
         shape=shape,
         covariance_factor=factor,
         n_block_columns=0,
+        pair_id=pair_id,
     )
 
 

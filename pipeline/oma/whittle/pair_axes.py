@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion, normalised_with_deviations
-from pipeline.oma.whittle.fit import WhittleFit, compact, every_parameter, fitted
+from pipeline.oma.whittle.fit import WhittleFit, compact, every_parameter, fitted, mode_of_rows
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.spectral_model import CloseModes, force_parameters, n_inner
 from sensors.arrays import ComplexArray, FloatArray, IntArray
@@ -199,19 +199,7 @@ def _entry(
     rows[1, :n_columns] = (weights * damping) @ relative
     rows[2:, : n_columns + 1] = deviations
     rows[0, -1] = spread
-    factor = compact(rows)
-    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
-    return Mode(
-        name="",
-        frequency=frequency,
-        frequency_std=float(frequency_std),
-        damping_ratio=float(weights @ damping),
-        damping_ratio_std=float(damping_std),
-        shape=shape,
-        covariance_factor=factor,
-        n_block_columns=0,
-        pair_id=pair_id,
-    )
+    return mode_of_rows(frequency, float(weights @ damping), shape, rows, pair_id)
 
 
 def along_perpendicular_axes(
