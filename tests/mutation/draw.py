@@ -213,9 +213,11 @@ def drawn(seed: int, number: int, without: Sequence[str] = ()) -> list[dict[str,
         for file in (ROOT / top).rglob("*.py")
     ]
     for index in rng.permutation(len(files)):
+        if len(found) == number:
+            break
         source = files[index].read_text(encoding="utf-8")
         changes = changes_of(source)
-        if changes and len(found) < number:
+        if changes:
             place = str(files[index].relative_to(ROOT))
             change = changes[rng.integers(len(changes))]
             old, new = _unique(source, change, texts)
