@@ -1,46 +1,88 @@
-"""Windows of the same samples are identified once for all tests of a module.
+"""The same samples are identified once for all tests that ask for it, in all processes of a run.
 
-For tests of what becomes of a window (its fate, its order, its channels), which send the same
-samples again under other stamps, in another order or after a restart. What the identification
-itself returns is tested elsewhere, without this.
+For tests of what becomes of a window (its fate, its order, its channels, its posterior), which send
+the same samples again under other stamps, in another order, from a file or after a restart. What
+the identification itself returns is tested elsewhere, without this. Windows and their dear parts
+are kept by the content of all that they are given: another bit is another answer.
 """
 
-from collections.abc import Iterator
+import os
+import pickle
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from functools import partial
 from hashlib import blake2b
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from pipeline.nodes import window_identification
-from pipeline.oma import streaming
-from pipeline.oma.identification import Identification, identify
+from pipeline.oma import identification, streaming
+
+STEPS = {  # functions of arrays and settings alone, where they are called: a window, its dear parts
+    window_identification: ("identify",),
+    streaming: ("identify", "modes_of_covariances", "concluded"),
+    identification: ("modes_of_covariances", "concluded"),
+}
+
+
+@pytest.fixture(scope="session")
+def answers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of what was identified in this run of the suite, by any of its processes."""
+    base = tmp_path_factory.getbasetemp()
+    base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base  # what processes share
+    folder = base / "identified"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 @pytest.fixture(scope="module")
-def identified_once() -> Iterator[None]:
+def identified_once(answers: Path) -> Iterator[None]:
     """For `pytestmark = pytest.mark.usefixtures("identified_once")`."""
-    known: dict[tuple[object, ...], Identification] = {}
-    with pytest.MonkeyPatch.context() as patch:
-        for module in (window_identification, streaming):
-            patch.setattr(module, "identify", partial(_remembered, known))
+    with remembering(answers):
         yield
 
 
-def _remembered(
-    known: dict[tuple[object, ...], Identification], samples: Any, *others: Any, **named: Any
-) -> Identification:
+@pytest.fixture
+def identified_before(answers: Path) -> Iterator[None]:
+    """The same for one test, after the fixtures of its module."""
+    with remembering(answers):
+        yield
+
+
+@contextmanager
+def remembering(answers: Path) -> Iterator[None]:
+    """Take from the folder what was identified before, and add what was not."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module, names in STEPS.items():
+            for name in names:
+                patch.setattr(module, name, partial(_remembered, answers, getattr(module, name)))
+        yield
+
+
+def _remembered(answers: Path, step: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     """The answer to these arguments, computed the first time."""
-    key = tuple(map(_content, (samples, *others, *sorted(named.items()))))
-    if key not in known:
-        known[key] = identify(samples, *others, **named)
-    return known[key]
+    asked = (step.__qualname__, arguments, tuple(sorted(named.items())))
+    file = answers / blake2b(repr(_content(asked)).encode()).hexdigest()[:32]
+    if file.exists():
+        return pickle.loads(file.read_bytes())
+    answer = step(*arguments, **named)
+    part = file.with_suffix(f".{os.getpid()}")
+    part.write_bytes(pickle.dumps(answer))
+    part.rename(file)
+    return answer
 
 
 def _content(argument: Any) -> object:
+    """What an argument holds, in values whose text has every bit."""
     if isinstance(argument, np.ndarray):
-        return argument.shape, argument.dtype.str, blake2b(argument.tobytes()).digest()
+        return argument.shape, argument.dtype.str, blake2b(argument.tobytes()).hexdigest()
     if isinstance(argument, list | tuple):
         return tuple(map(_content, argument))
+    if is_dataclass(argument):
+        held = (getattr(argument, each.name) for each in fields(argument))
+        return type(argument).__qualname__, tuple(map(_content, held))
     return argument

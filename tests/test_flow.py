@@ -80,6 +80,7 @@ def test_a_session_loses_nothing_and_says_so(sessions: dict[str, Path]) -> None:
         }
 
 
+@pytest.mark.usefixtures("identified_before")
 def test_the_recorded_session_can_be_replayed_to_the_same_posterior(
     sessions: dict[str, Path], tmp_path: Path
 ) -> None:
@@ -109,6 +110,7 @@ def test_estimates_carry_the_names_of_their_channels(sessions: dict[str, Path]) 
     assert estimate.channels[:2] == ("z41-fa", "z80-fa")
 
 
+@pytest.mark.usefixtures("identified_before")
 @pytest.mark.parametrize("identify", [True, False])
 def test_updating_from_a_recording_gives_the_sessions_posterior(
     sessions: dict[str, Path], identify: bool

@@ -6,6 +6,7 @@ import pytest
 
 from pipeline.archive.reprocessing import reprocessed
 from pipeline.archive.work import ThisProcess
+from tests.identified_once import remembering
 from tests.pipeline.archive.archives import cut_into_files
 
 
@@ -16,8 +17,9 @@ def archive(short_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 @pytest.fixture(scope="session")
-def results(archive: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def results(archive: list[Path], tmp_path_factory: pytest.TempPathFactory, answers: Path) -> Path:
     """The same, reprocessed in this process."""
     out = tmp_path_factory.mktemp("results")
-    reprocessed(archive, out, ThisProcess())
+    with remembering(answers):
+        reprocessed(archive, out, ThisProcess())
     return out

@@ -27,6 +27,8 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.archive.archives import MEASURED, Renamed, rewritten, tables_of
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 CLI = CliRunner()
 
 

@@ -17,6 +17,8 @@ from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 
 @pytest.fixture(scope="module")
 def folder(short_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:

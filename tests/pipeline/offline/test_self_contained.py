@@ -28,6 +28,8 @@ from sensors.acquisition.blocks import AccelerationBlock
 from sensors.files.layout_file import load_layout
 from sensors.structure.description import shipped_text
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 QUICK = """
 seed = 5
 [structure]
