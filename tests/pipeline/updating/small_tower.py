@@ -98,15 +98,12 @@ class SmallTower:
         )
 
     def _direction(self, theta: FloatArray, direction: str) -> tuple[FloatArray, FloatArray]:
-        stiffness, mass = tube_matrices(self.stiffening)
-        mass[-2, -2] += self.heavier * TOP_MASS
-        mass[-1, -1] += self.heavier * TOP_INERTIA[direction]
+        stiffness, inverse = _tower_matrices(self.stiffening, self.heavier, direction)
         whole = np.repeat(stiffness[None], len(theta), axis=0)
         whole[:, 0, 0] += theta[:, 0]
         whole[:, 1, 1] += theta[:, 1]
         whole[:, 0, 1] += theta[:, 2]
         whole[:, 1, 0] += theta[:, 2]
-        inverse = np.linalg.inv(np.linalg.cholesky(mass))
         values, vectors = np.linalg.eigh(inverse @ whole @ inverse.T)
         modes = inverse.T @ vectors
         frequencies = np.sqrt(values[:, : self.n_modes]) / (2 * np.pi)
@@ -114,6 +111,17 @@ class SmallTower:
         along = self.layout.directions[:, 0 if direction == "FA" else 1]
         shapes = np.swapaxes(modes[:, 2 * nodes, : self.n_modes], 1, 2) * along
         return frequencies, shapes
+
+
+@functools.cache
+def _tower_matrices(
+    stiffening: float, heavier: float, direction: str
+) -> tuple[FloatArray, FloatArray]:
+    """Stiffness without the springs, and the inverse of the mass's Cholesky factor."""
+    stiffness, mass = tube_matrices(stiffening)
+    mass[-2, -2] += heavier * TOP_MASS
+    mass[-1, -1] += heavier * TOP_INERTIA[direction]
+    return stiffness, np.linalg.inv(np.linalg.cholesky(mass))
 
 
 def tube_matrices(stiffening: float = 1.0) -> tuple[FloatArray, FloatArray]:
