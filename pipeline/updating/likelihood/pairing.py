@@ -147,12 +147,13 @@ def assigned(
     each = np.full(len(costs), rejection)
     each[rows] = clipped[rows, columns]
     weights = targets.weights * (targets.judged if targets.judged.any() else 1.0)
+    total = weights.sum()
     return Pairing(
         ratios=ratios,
-        model_modes=tuple(int(mode) for mode in model_modes),
+        model_modes=tuple(model_modes.tolist()),
         total_cost=float(each @ targets.weights),
-        cost=float(np.average(each, weights=weights)),
-        paired_share=float(np.average(model_modes >= 0, weights=weights)),
+        cost=float((each * weights).sum() / total),
+        paired_share=float(((model_modes >= 0) * weights).sum() / total),
     )
 
 

@@ -12,6 +12,7 @@ EM_STEPS = 60
 EM_TOLERANCE = 1e-4  # of the mean log density between two steps, where fitting stops
 MOST_FITTED = 3000  # points that a fit looks at
 SMALLEST_SCALE = 1e-12  # of a direction without spread, relative to the largest one
+SURELY_DEFINITE = 1e-9  # determinant above which no eigenvalue is that small, rounding included
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,9 +229,26 @@ def _factors(scales: FloatArray) -> FloatArray:
     largest = np.maximum(deviations.max(axis=1, keepdims=True), 1.0)
     deviations = np.maximum(deviations, SMALLEST_SCALE * largest)
     correlations = scales / (deviations[:, :, None] * deviations[:, None])
-    values, vectors = np.linalg.eigh(correlations)
-    flat = (values < SMALLEST_SCALE).any(axis=1)
-    floored = np.maximum(values[flat], SMALLEST_SCALE)
-    vectors = vectors[flat]
-    correlations[flat] = (vectors * floored[:, None]) @ np.swapaxes(vectors, 1, 2)
-    return np.asarray(deviations[:, :, None] * np.linalg.cholesky(correlations))
+    factors = _surely_definite(correlations)
+    if factors is None:
+        values, vectors = np.linalg.eigh(correlations)
+        flat = (values < SMALLEST_SCALE).any(axis=1)
+        floored = np.maximum(values[flat], SMALLEST_SCALE)
+        vectors = vectors[flat]
+        correlations[flat] = (vectors * floored[:, None]) @ np.swapaxes(vectors, 1, 2)
+        factors = np.linalg.cholesky(correlations)
+    return np.asarray(deviations[:, :, None] * factors)
+
+
+def _surely_definite(correlations: FloatArray) -> FloatArray | None:
+    """Cholesky factors of (n, n_dim, n_dim) correlations, or None where an eigenvalue may be small.
+
+    Of n_dim eigenvalues that sum to n_dim, the others' product is at most e: the smallest is at
+    least the determinant over e. That spares most fits the eigenvalues, which take far longer.
+    """
+    try:
+        factors = np.linalg.cholesky(correlations)
+    except np.linalg.LinAlgError:
+        return None
+    determinants = np.diagonal(factors, axis1=1, axis2=2).prod(axis=1) ** 2
+    return factors if np.all(determinants > SURELY_DEFINITE) else None
