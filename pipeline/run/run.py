@@ -189,7 +189,6 @@ def _run(
     stopping: threading.Event | None,
     ownership: Ownership,
 ) -> None:
-    turbine = source.layout.turbine
     graph = build(source.scenario, source.layout, outputs, source.layouts)
     require_processes(options)
     graph = _here(graph, source, options.elsewhere)
@@ -198,8 +197,24 @@ def _run(
             raise InputError("--lock-step cannot run a live source: it waits for nobody")
         nodes = [*(plan.make() for plan in graph), *sinks]
         messages = source.messages(options.speed, stopping)
-        return run_lock_step(messages, nodes, turbine=turbine, report=report)
-    meeting = meeting_point(options.zenoh)
+        return run_lock_step(messages, nodes, turbine=source.layout.turbine, report=report)
+    _run_on_bus(
+        graph, source, options, sinks, report, scenario_option, stopping, ownership.descriptor
+    )
+
+
+def _run_on_bus(
+    graph: Sequence[Plan],
+    source: Source,
+    options: SessionOptions,
+    sinks: Sequence[Node],
+    report: Callable[[AccelerationBlock], None],
+    scenario_option: str | None,
+    stopping: threading.Event | None,
+    held: int,
+) -> None:
+    """held: descriptor of the folder's lock, which a node's process inherits."""
+    meeting, turbine = meeting_point(options.zenoh), source.layout.turbine
 
     def open_bus() -> Bus:
         return ZenohBus(meeting.nodes)
@@ -211,16 +226,15 @@ def _run(
     with open_hub(meeting, status, f"{STATUS_KEY}/{turbine}", options.out) as bus:
         workers: list[Worker] = []
         if options.way == "processes":
-            held = (ownership.descriptor,)
             for plan in graph:
                 command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
-                workers += processes(plan, command, options.shards, inherited=held)
+                workers += processes(plan, command, options.shards, inherited=(held,))
         else:
             workers += [NodeThread(plan.make(), open_bus, turbine) for plan in graph]
         workers += [NodeThread(each, open_bus, turbine) for each in (*sinks, status)]
-        for told in sinks:
-            if isinstance(told, AlarmNode):
-                bus.answer(f"{ALARMS_KEY}/{turbine}", told.answer)
+        for each in sinks:
+            if isinstance(each, AlarmNode):
+                bus.answer(f"{ALARMS_KEY}/{turbine}", each.answer)
         if not source.is_live:
             bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
         run_workers(
