@@ -251,4 +251,4 @@ def _surely_definite(correlations: FloatArray) -> FloatArray | None:
     except np.linalg.LinAlgError:
         return None
     determinants = np.diagonal(factors, axis1=1, axis2=2).prod(axis=1) ** 2
-    return factors if np.all(determinants > SURELY_DEFINITE) else None
+    return np.asarray(factors, np.float64) if np.all(determinants > SURELY_DEFINITE) else None
