@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.cli.console import DatesOption, JsonOption, escape_markup, output, print_json, stderr
+from pipeline.cli.console import (
+    DatesOption,
+    JsonOption,
+    ZoneOption,
+    escape_markup,
+    output,
+    print_json,
+    stderr,
+)
 from pipeline.state.phrases import count_noun
 from sensors.errors import InputError
 
@@ -55,9 +63,7 @@ def new(
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
     ] = None,
     dates: DatesOption = None,
-    zone: Annotated[
-        str, typer.Option(help="Time zone of dates that state none, such as Europe/Berlin; UTC.")
-    ] = "",
+    zone: ZoneOption = "",
     scada: Annotated[
         list[Path] | None,
         typer.Option(help="A file of wind, rotor, power or water level over time; repeatable."),
