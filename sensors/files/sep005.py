@@ -26,12 +26,9 @@ from sensors.files.table import (
     zone_named,
 )
 from sensors.files.text.column_titles import distinct
+from sensors.files.text.dates import MONTHS
 from sensors.files.text.time_column import ABSOLUTE, ClockError, TextClock, iso
 
-MONTHS = (  # of MATLAB, in any locale
-    *("Jan", "Feb", "Mar", "Apr", "May", "Jun"),
-    *("Jul", "Aug", "Sep", "Oct", "Nov", "Dec"),
-)
 TOGETHER = 0.05  # channels whose samples lie less apart are sampled together [samples]
 MOST_PADDED = 100  # times the samples that a file has: more is a wrong start, and no gap [-]
 
@@ -290,7 +287,9 @@ def timestamp_ns(stamp: str | datetime | None, path: Path, zone: str = "") -> in
 def _moment(text: str) -> datetime:
     """Raises ValueError for a text that is neither ISO 8601 nor MATLAB's."""
     matlab = re.fullmatch(r"(\d\d)-([A-Z][a-z]{2})-(\d{4}) (\d\d:\d\d:\d\d)", text)
-    if matlab is None:
+    names = enumerate(MONTHS, start=1)
+    months = [number for number, name in names if matlab and re.match(name, matlab[2].lower())]
+    if matlab is None or not months:
         return datetime.fromisoformat(text)
-    day, month, year, clock = matlab.groups()
-    return datetime.fromisoformat(f"{year}-{MONTHS.index(month) + 1:02d}-{day}T{clock}")
+    day, _, year, clock = matlab.groups()
+    return datetime.fromisoformat(f"{year}-{months[0]:02d}-{day}T{clock}")
