@@ -263,7 +263,7 @@ def _shapes(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
     middle = (len(parameters.modes) - 1) / 2 * SPACING / 2**0.5
     return rrb.Spatial3DView(
         origin=f"{root}/shapes",
-        name="Mode shapes: model line, identified dots; f [Hz] (≈: mean of two, –: not found), MAC"
+        name="Mode shapes: model line, identified dots (≈: mean of two, –: none); f [Hz], MAC"
         if parameters.has_structure
         else "Mode shapes at the sensors, as identified; direction, f [Hz]",
         line_grid=False,

@@ -168,9 +168,9 @@ class ModeView:
         tower_views.log_identified_shape(self._recording, self._root, label, identified)
 
     def _caption(self, label: str, model: Deflection, pair: ModePair | None) -> None:
-        lines = [model.direction]
-        mean = "≈ " if pair and "+" in pair.identified else ""
-        lines += [f"{mean}{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["–"]
+        mean = " ≈" if pair and "+" in pair.identified else ""  # here: figures fill their room
+        lines = [f"{model.direction}{mean}"]
+        lines += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["–"]
         foot = self._outline.mudline - CAPTION_DEPTH
         tower_views.log_shape_caption(self._recording, self._root, label, lines, foot=foot)
 
