@@ -101,8 +101,7 @@ def take(rrd: Path, folder: Path, *wanted: str) -> dict[str, Path]:
     pictures = {}
     with headless_viewer() as viewer:
         viewer.open(str(rrd.resolve()))
-        recording = viewer.get_state().recordings[0]
-        end = next(line.end for line in recording.timelines if line.name == "time")
+        end = _loaded_until(viewer)
         viewer.set_time(timeline="time", timestamp=np.datetime64(end, "ns"), play_state="paused")
         layout = _laid_out(viewer).blueprint  # read once: the viewer rewrites what it shows
         there = [*tabs(layout), *inner_tabs(layout)]
@@ -114,6 +113,20 @@ def take(rrd: Path, folder: Path, *wanted: str) -> dict[str, Path]:
                 _require_content(tab, pictures[tab])
             _shrink(pictures[tab])
     return pictures
+
+
+def _loaded_until(viewer: Any) -> int:
+    """Where the time ends of the recording that was opened, once it does not move any more."""
+    before, deadline = None, time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        recordings = viewer.get_state().recordings
+        lines = recordings[0].timelines if recordings else ()
+        end = next((line.end for line in lines if line.name == "time"), None)
+        if end is not None and end == before:
+            return int(end)
+        before = end
+        time.sleep(SETTLING / 4)
+    raise TimeoutError(f"no recording with a time after {PATIENCE:g} s")
 
 
 def _begun(name: str, there: list[str]) -> str:

@@ -10,7 +10,7 @@ import os
 import re
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any, Literal
 
 import typer
@@ -67,7 +67,10 @@ UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 def print_version(asked: bool) -> None:
     """Print the version and exit, where it was asked for."""
     if asked:
-        typer.echo(f"pilewatch {version('pilewatch')}")
+        try:
+            typer.echo(f"pilewatch {version('pilewatch')}")
+        except PackageNotFoundError:  # on a tower unit
+            typer.echo(f"pilewatch-edge {version('pilewatch-edge')}")
         raise typer.Exit
 
 

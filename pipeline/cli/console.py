@@ -99,6 +99,10 @@ DatesOption = Annotated[
     Literal["day-first", "month-first"] | None,
     typer.Option("--dates", help="What comes first in dates such as 3/4/2024."),
 ]
+ZoneOption = Annotated[
+    str,
+    typer.Option("--zone", help="Time zone of dates that state none, such as Europe/Berlin; UTC."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 

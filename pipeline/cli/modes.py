@@ -10,6 +10,7 @@ from pipeline.cli.console import (
     DatesOption,
     JsonOption,
     ScenarioOption,
+    ZoneOption,
     escape_markup,
     output,
     stderr,
@@ -49,6 +50,7 @@ def identify(
         typer.Option(help="TOML file of the channels to use, as for `pilewatch import`."),
     ] = None,
     dates: DatesOption = None,
+    zone: ZoneOption = "",
     rotor_speed: Annotated[
         float | None,
         typer.Option(
@@ -76,6 +78,7 @@ def identify(
     from pipeline.sources.session_files import one_recording
     from pipeline.state.run_modes import combined_modes
     from sensors.files.layout_file import load_layout
+    from sensors.files.table import TimeColumn
 
     if plot is not None and not plot.parent.is_dir():  # before the identification, not after it
         raise InputError(f"--plot {plot}: the folder {plot.parent} does not exist")
@@ -86,7 +89,7 @@ def identify(
             sampling_rate=sampling_rate,
             window=window,
             layout=None if layout is None else load_layout(layout),
-            dates=dates,
+            time=TimeColumn(dates=dates, zone=zone),
             rotor_speed=rotor_speed,
             settings=OmaSettings(
                 lowest_frequency=lowest_frequency, highest_frequency=highest_frequency

@@ -1,5 +1,6 @@
 """`pilewatch new`: from files of measurements to a folder in which a run starts."""
 
+import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
@@ -9,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.cli.console import DatesOption, JsonOption, escape_markup, output, print_json, stderr
+from pipeline.cli.console import (
+    DatesOption,
+    JsonOption,
+    ZoneOption,
+    escape_markup,
+    output,
+    print_json,
+    stderr,
+)
 from pipeline.state.phrases import count_noun
 from sensors.errors import InputError
 
@@ -55,9 +64,7 @@ def new(
         float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
     ] = None,
     dates: DatesOption = None,
-    zone: Annotated[
-        str, typer.Option(help="Time zone of dates that state none, such as Europe/Berlin; UTC.")
-    ] = "",
+    zone: ZoneOption = "",
     scada: Annotated[
         list[Path] | None,
         typer.Option(help="A file of wind, rotor, power or water level over time; repeatable."),
@@ -112,9 +119,11 @@ def new(
     if not project.complete:
         layout, scenario = folder / "layout.toml", folder / "scenario.toml"
         rate = "" if sampling_rate is None else f"--sampling-rate {sampling_rate:g} "
+        recording = shlex.quote(str(project.recording))
         again = (
-            f"rm {project.recording} && pilewatch import {' '.join(map(str, files))} {rate}"
-            f"--layout {layout} --scenario {scenario} -o {project.recording}"
+            f"rm {recording} && pilewatch import {shlex.join(map(str, files))} {rate}"
+            f"--layout {shlex.quote(str(layout))} --scenario {shlex.quote(str(scenario))} "
+            f"-o {recording}"
         )
         output.print(
             escape_markup(
@@ -127,8 +136,9 @@ def new(
         output.print(_structure_line(drawing[0]), soft_wrap=True, highlight=False)
     where = escape_markup(str(folder))
     written = [f"{where}/layout.toml", f"{where}/scenario.toml", *drawing, project.recording]
+    place = escape_markup(shlex.quote(str(folder)))
     output.print(f"Written: {', '.join(map(str, written))}", soft_wrap=True)
-    output.print(f"Next:  cd {where} && pilewatch run && pilewatch report out", soft_wrap=True)
+    output.print(f"Next:  cd {place} && pilewatch run && pilewatch report out", soft_wrap=True)
 
 
 def _span(project: "NewProject", zone: str) -> str:
@@ -140,7 +150,7 @@ def _span(project: "NewProject", zone: str) -> str:
     seconds = f"{(end - begin) / NANOSECONDS:g} s"
     if begin < FIRST_DAY_NS:
         return f"{seconds} without a date"
-    hint = "" if zone else " (a date without a zone is taken as UTC: --zone)"
+    hint = "" if zone else " (UTC also where dates state no zone: --zone)"
     return f"{seconds} from {moment(begin)[:19]} UTC{hint}"
 
 

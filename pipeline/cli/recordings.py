@@ -10,6 +10,7 @@ from pipeline.cli.console import (
     DatesOption,
     JsonOption,
     ScenarioOption,
+    ZoneOption,
     escape_markup,
     no_longer_than,
     output,
@@ -165,6 +166,7 @@ def import_files(
         typer.Option(help="package.module:function that reads a file to SEP005 channels."),
     ] = None,
     dates: DatesOption = None,
+    zone: ZoneOption = "",
     at_most: Annotated[
         float, typer.Option("--at-most", help="Give up after so many seconds.")
     ] = 3600.0,
@@ -179,11 +181,13 @@ def import_files(
     from pipeline.sources.import_files import open_measurement, record_measurement
     from sensors.files.formats import channels_in
     from sensors.files.layout_file import layout_template, load_layout
-    from sensors.files.table import EVERYTHING, dated
+    from sensors.files.table import EVERYTHING, TimeColumn, dated
 
+    time = TimeColumn(dates=dates, zone=zone)
     if template:
-        wanted = dated(EVERYTHING, dates)
-        typer.echo(layout_template(channels_in(files[0], reader, wanted)), nl=False)
+        typer.echo(
+            layout_template(channels_in(files[0], reader, dated(EVERYTHING, time))), nl=False
+        )
         return
     if out is None:
         raise InputError("import needs -o FILE.mcap, the recording to write")
@@ -195,7 +199,7 @@ def import_files(
             turbine="turbine" if chosen is None else chosen.turbine.id,
             sampling_rate=sampling_rate,
             reader=reader,
-            dates=dates,
+            time=time,
         )
         with progress(f"importing {len(files)} files", None) as report:
             record_measurement(measurement, out, scenario=chosen, report=report)

@@ -25,7 +25,14 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 from sensors.files.channel_names import UnusedChannel, split_motions
 from sensors.files.layout_file import LayoutFile
-from sensors.files.table import STANDING_STAMPS, ChannelTable, DateOrder, FileError, Quantity
+from sensors.files.table import (
+    STANDING_STAMPS,
+    UNSTATED,
+    ChannelTable,
+    FileError,
+    Quantity,
+    TimeColumn,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +119,7 @@ def identify_file(
     window: float | None = None,
     settings: OmaSettings | None = None,
     layout: LayoutFile | None = None,
-    dates: DateOrder | None = None,
+    time: TimeColumn = UNSTATED,
     rotor_speed: float | None = None,
 ) -> FileIdentification:
     """Identify the modes in a recording or a file of measurements.
@@ -125,8 +132,8 @@ def identify_file(
         Length of a window [s]; None: the whole file is one window.
     layout : LayoutFile | None, optional
         Channels to use and their units; None: all, as in the file.
-    dates : {"day-first", "month-first"}, optional
-        What comes first in dates such as 3/4/2024.
+    time : TimeColumn
+        What its dates do not state: order of day and month, zone.
     rotor_speed : float | None, optional
         Mean speed of a turning rotor [rpm]; None: as the file has it, in a recording's SCADA
         samples or a column in rpm.
@@ -136,7 +143,7 @@ def identify_file(
     InputError
         If the file cannot be read, has no sampling rate or is shorter than the window.
     """
-    table, rate, unused = _read(path, sampling_rate, layout, dates)
+    table, rate, unused = _read(path, sampling_rate, layout, time)
     if rotor_speed is not None:
         table = replace(table, rotor_speed=_constant_speed(rotor_speed, len(table.samples)))
     lowest = None if settings is None else settings.lowest_frequency
@@ -225,11 +232,11 @@ def _read(
     path: Path,
     sampling_rate: float | None,
     layout: LayoutFile | None,
-    dates: DateOrder | None,
+    time: TimeColumn,
 ) -> tuple[ChannelTable, float, tuple[UnusedChannel, ...]]:
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
-    table = measured_channels(path, layout, dates)
+    table = measured_channels(path, layout, time)
     unused: tuple[UnusedChannel, ...] = ()
     if layout is None and path.suffix != ".mcap":
         columns, unused = split_motions(table, str(path))

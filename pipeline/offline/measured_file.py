@@ -16,13 +16,13 @@ from sensors.acquisition.scada import ScadaSample
 from sensors.files.conditions import with_rotor_speed_apart
 from sensors.files.formats import read_file
 from sensors.files.layout_file import LayoutFile
-from sensors.files.table import EVERYTHING, ChannelTable, DateOrder, FileError, dated
+from sensors.files.table import EVERYTHING, UNSTATED, ChannelTable, FileError, TimeColumn, dated
 
 JOINING = 5.0  # waiting time for a missing unit [s]
 
 
 def measured_channels(
-    path: Path, layout: LayoutFile | None = None, dates: DateOrder | None = None
+    path: Path, layout: LayoutFile | None = None, time: TimeColumn = UNSTATED
 ) -> ChannelTable:
     """Return the channels that a layout file lists; all, as in the file, without one.
 
@@ -34,7 +34,7 @@ def measured_channels(
     if path.suffix == ".mcap":
         table = recorded_channels(path)
     else:
-        wanted = dated(EVERYTHING if layout is None else layout.wanted(), dates)
+        wanted = dated(EVERYTHING if layout is None else layout.wanted(), time)
         table = with_rotor_speed_apart(read_file(path, wanted=wanted))
     return table if layout is None else layout.chosen(table)
 

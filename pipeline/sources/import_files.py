@@ -28,9 +28,10 @@ from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
 from sensors.files.table import (
     EVERYTHING,
     STANDING_STAMPS,
+    UNSTATED,
     ChannelTable,
-    DateOrder,
     FileError,
+    TimeColumn,
     dated,
 )
 
@@ -77,7 +78,7 @@ def open_measurement(
     turbine: str = "turbine",
     sampling_rate: float | None = None,
     reader: str | None = None,
-    dates: DateOrder | None = None,
+    time: TimeColumn = UNSTATED,
 ) -> Measurement:
     """Return the files as one measurement, before its samples are read.
 
@@ -92,8 +93,8 @@ def open_measurement(
         stamps.
     reader : str, optional
         "package.module:function" that gives SEP005 channels; None: by the suffixes.
-    dates : {"day-first", "month-first"}, optional
-        What comes first in dates such as 3/4/2024; None: as the layout states.
+    time : TimeColumn
+        What the dates do not state, order of day and month and zone; else as the layout has it.
 
     Raises
     ------
@@ -106,7 +107,7 @@ def open_measurement(
         raise FileError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
     if twice := [path for path in paths if paths.count(path) > 1]:
         raise FileError(f"{twice[0]} is named twice")
-    wanted = dated(EVERYTHING if layout is None else layout.wanted(), dates)
+    wanted = dated(EVERYTHING if layout is None else layout.wanted(), time)
     wanted = replace(wanted, stamps=sampling_rate is None)
     opened = [open_file(path, reader, wanted) for path in paths]
     files = sort_by_time([file for file, _ in opened])

@@ -165,7 +165,7 @@ def _joint(root: str) -> rrb.Spatial2DView:
 def _pile(root: str) -> rrb.Spatial2DView:
     return plane(
         f"{root}/foundation/pile",
-        "Pile head under 1 MN: nominal orange, posterior purple",
+        "Mudline under 1 MN at the top: nominal orange, posterior purple",
         [-1.35, 1.35],
         [-2.25, 1.25],
     )
@@ -263,7 +263,7 @@ def _shapes(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
     middle = (len(parameters.modes) - 1) / 2 * SPACING / 2**0.5
     return rrb.Spatial3DView(
         origin=f"{root}/shapes",
-        name="Mode shapes: model (line), identified (dots; –: not found); direction, f [Hz], MAC"
+        name="Mode shapes: model line, identified dots (≈: mean of two, –: none); f [Hz], MAC"
         if parameters.has_structure
         else "Mode shapes at the sensors, as identified; direction, f [Hz]",
         line_grid=False,
@@ -342,7 +342,7 @@ def farm_tab(parameters: Sequence[ViewParameters]) -> rrb.Horizontal:
         rrb.Vertical(_board(len(turbines)), *[_medians(turbines, name) for name in STIFFNESSES]),
         rrb.Vertical(
             rrb.TextDocumentView(origin=f"{FARM}/table", name="Table"),
-            events_view(f"{FARM}/events", "Warnings"),
+            events_view(f"{FARM}/events", "Warnings of all turbines, if any"),
             row_shares=[3, 2],
         ),
         column_shares=[4, 5],

@@ -4,6 +4,7 @@ import numpy as np
 import rerun as rr
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
+from pipeline.state.run_modes import pairs_by_track
 from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
@@ -74,17 +75,17 @@ class ModeView:
             matrix = mac_matrix(estimate, posterior, layout)
             if matrix is not None:
                 plane_views.log_mac_matrix(self._recording, self._root, matrix)
-        pairs = {pair.model: pair for pair in posterior.pairs}
+        paired = _paired(posterior, estimate)
         for row, label in enumerate(posterior.model_labels):
             if label in self._labels:
-                mode = _identified(pairs.get(label), estimate)
+                pair, mode = paired.get(label, (None, None))
                 self._draw_track(label, float(posterior.model_frequencies[row]), mode)
                 if layout is not None:
                     shape = posterior.model_shapes[row]
                     model = deflection(layout, layout.channel_names, shape)
                     tower_views.log_model_shape(self._recording, self._root, label, model)
                     self._draw_identified_shape(label, shape, mode, estimate, layout)
-                    self._caption(label, model, pairs.get(label))
+                    self._caption(label, model, pair)
                     self._drawn_until_ns.setdefault(label, posterior.time_ns)
         if self._full_swing_ns is None:
             self._full_swing_ns = posterior.time_ns
@@ -167,18 +168,24 @@ class ModeView:
         tower_views.log_identified_shape(self._recording, self._root, label, identified)
 
     def _caption(self, label: str, model: Deflection, pair: ModePair | None) -> None:
-        lines = [model.direction]
+        mean = " ≈" if pair and "+" in pair.identified else ""  # here: figures fill their room
+        lines = [f"{model.direction}{mean}"]
         lines += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["–"]
         foot = self._outline.mudline - CAPTION_DEPTH
         tower_views.log_shape_caption(self._recording, self._root, label, lines, foot=foot)
 
 
-def _identified(pair: ModePair | None, estimate: ModalEstimate | None) -> Mode | None:
-    """Return the paired mode as identified in this window, or None.
+def _paired(
+    posterior: FoundationPosterior, estimate: ModalEstimate | None
+) -> dict[str, tuple[ModePair, Mode | None]]:
+    """Return each model mode's pair with what was identified of it in this window, or None.
 
-    Of two modes that cannot be separated, "m1+m2", the first: both have the same frequency.
+    Two modes that cannot be separated, "m1+m2", stand at the model modes whose shapes they have, as
+    in the table of a run's modes.
     """
-    if pair is None or estimate is None:
-        return None
-    names = pair.identified.split("+")
-    return next((mode for mode in estimate.modes if mode.name in names), None)
+    modes = {} if estimate is None else {mode.name: mode for mode in estimate.modes}
+    found = {pair.model: (pair, modes.get(pair.identified)) for pair in posterior.pairs}
+    for name, pair in pairs_by_track(modes, posterior).items():
+        if name in modes:
+            found[pair.model] = (pair, modes[name])
+    return found

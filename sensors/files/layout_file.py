@@ -338,6 +338,7 @@ def layout_template(table: ChannelTable) -> str:
         "# [time]                             # only where the file's titles do not state the time",
         '# column = "t"                       # the column that holds it',
         '# unit = "s"                         # s, ms, us, ns, min, h, d',
+        '# zone = "Europe/Berlin"             # of dates that state none; UTC without it',
     ]
     return "\n".join(lines) + "\n"
 

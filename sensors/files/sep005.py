@@ -4,8 +4,9 @@ A channel is a dictionary; a file is a list of them. Source: SDyPy enhancement p
 unified timeseries model", https://github.com/sdypy (its checker: the package sdypy-sep005).
 """
 
+import re
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
@@ -22,8 +23,10 @@ from sensors.files.table import (
     TimeColumn,
     Wanted,
     in_standard_unit,
+    zone_named,
 )
 from sensors.files.text.column_titles import distinct
+from sensors.files.text.dates import MONTHS
 from sensors.files.text.time_column import ABSOLUTE, ClockError, TextClock, iso
 
 TOGETHER = 0.05  # channels whose samples lie less apart are sampled together [samples]
@@ -79,6 +82,7 @@ def join_channels(
     names = distinct([str(channel.get("name") or "") for channel in channels])
     chosen = wanted.among(names)
     channels = [channels[i] if wanted.stamps else _convert_numbers(channels[i]) for i in chosen]
+    channels = [_dated(channel, path, wanted.time.zone) for channel in channels]
     columns = [_samples(channel, path) for channel in channels]
     times, start_ns, samples = _on_one_clock(channels, columns, path)
     rate = channels[0].get("fs")
@@ -248,8 +252,16 @@ def _on_grid(
     return np.flatnonzero(present) / rate, start_ns, samples[present]
 
 
-def timestamp_ns(stamp: str | datetime | None, path: Path) -> int:
-    """Return nanoseconds since 1970 of an ISO 8601 time, UTC where it has no zone; 0 for None.
+def _dated(channel: Sep005Channel, path: Path, zone: str) -> Sep005Channel:
+    """Return the channel with its start in UTC; `zone` is that of a start which states none."""
+    start_ns = timestamp_ns(channel.get("start_timestamp"), path, zone)
+    return channel | Sep005Channel(start_timestamp=iso(start_ns) if start_ns else None)  # type: ignore[typeddict-item]
+
+
+def timestamp_ns(stamp: str | datetime | None, path: Path, zone: str = "") -> int:
+    """Return nanoseconds since 1970 of a time, in `zone` (UTC) where it states none; 0 for None.
+
+    ISO 8601, or as MATLAB's datestr writes it: 01-Mar-2026 12:00:00.
 
     Raises
     ------
@@ -263,10 +275,21 @@ def timestamp_ns(stamp: str | datetime | None, path: Path) -> int:
     seconds, _, rest = stamp.strip().replace("Z", "+00:00").partition(".")
     digits = rest[: len(rest) - len(rest.lstrip("0123456789"))]
     try:
-        moment = datetime.fromisoformat(seconds + rest[len(digits) :])
+        moment = _moment(seconds + rest[len(digits) :])
     except ValueError:
         raise FileError(
-            f"{path}: start_timestamp is {stamp!r}; a time like 2024-12-31T23:59:59.5 is needed"
+            f"{path}: its start is {stamp!r}; a time like 2024-12-31T23:59:59.5 is needed"
         ) from None
-    aware = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    aware = moment if moment.tzinfo else moment.replace(tzinfo=zone_named(zone))
     return round(aware.timestamp()) * NANOSECONDS + int(f"{digits:0<9}"[:9])
+
+
+def _moment(text: str) -> datetime:
+    """Raises ValueError for a text that is neither ISO 8601 nor MATLAB's."""
+    matlab = re.fullmatch(r"(\d\d)-([A-Z][a-z]{2})-(\d{4}) (\d\d:\d\d:\d\d)", text)
+    names = enumerate(MONTHS, start=1)
+    months = [number for number, name in names if matlab and re.match(name, matlab[2].lower())]
+    if matlab is None or not months:
+        return datetime.fromisoformat(text)
+    day, _, year, clock = matlab.groups()
+    return datetime.fromisoformat(f"{year}-{months[0]:02d}-{day}T{clock}")

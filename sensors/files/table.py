@@ -140,9 +140,11 @@ class Wanted:
         return [i for i, name in enumerate(names) if name in self.names or not complete]
 
 
-def dated(wanted: Wanted, dates: DateOrder | None) -> Wanted:
-    """Return what is wanted with another order of day and month; None leaves it as it is."""
-    return replace(wanted, time=replace(wanted.time, dates=dates or wanted.time.dates))
+def dated(wanted: Wanted, time: TimeColumn) -> Wanted:
+    """Return what is wanted with the order of dates and the zone that `time` states, if any."""
+    own = wanted.time
+    stated = replace(own, dates=time.dates or own.dates, zone=time.zone or own.zone)
+    return replace(wanted, time=stated)
 
 
 EVERYTHING = Wanted()

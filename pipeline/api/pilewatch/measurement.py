@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.files.table import ChannelTable, Quantity, rate_of_stamps
+from sensors.files.table import ChannelTable, Quantity, TimeColumn, rate_of_stamps
 
 from .errors import InputError, require
 
@@ -159,6 +159,7 @@ def read(
     sampling_rate: float | None = None,
     layout: str | os.PathLike[str] | None = None,
     dates: Literal["day-first", "month-first"] | None = None,
+    zone: str = "",
 ) -> Measurement:
     """Read a recording (MCAP) or a file of measurements.
 
@@ -172,6 +173,8 @@ def read(
         Layout file (TOML): which channels, where they are, in what units.
     dates : {"day-first", "month-first"}, optional
         What comes first in dates such as 3/4/2024; needed where the file leaves it open.
+    zone : str, optional
+        Time zone of dates that state none, such as "Europe/Berlin"; UTC by default.
 
     Returns
     -------
@@ -191,7 +194,7 @@ def read(
     mapping = None if layout is None else load_layout(Path(layout))
     if dates not in (None, "day-first", "month-first"):
         raise InputError(f"dates is {dates!r}; it can be 'day-first' or 'month-first'")
-    table = measured_channels(file, mapping, dates)
+    table = measured_channels(file, mapping, TimeColumn(dates=dates, zone=zone))
     rate = table.sampling_rate
     if sampling_rate is not None:
         rate = positive("sampling_rate", sampling_rate, "Hz")

@@ -18,6 +18,7 @@ from pipeline.viewer.pictures.scene import (
 from sensors.acquisition.layout import SensorLayout
 
 AMPLITUDE = 20.0  # swing of a shape's largest component in the picture [m]
+BESIDE = 75.0  # of the names of elevations from the axis: beside sea and mudline [m]
 SPACING = 52.0  # between two shapes [m]: room for their labels
 ROW_DIRECTION = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)  # seen from (1, 1): FA and SS both show
 
@@ -68,7 +69,7 @@ def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outl
     recording.log(
         f"{root}/tower/elevations",
         rr.Points3D(
-            [(0.0, 45.0, elevation) for elevation, _ in marks],
+            [(0.0, BESIDE, elevation) for elevation, _ in marks],
             radii=0.5,
             colors=colours.NEUTRAL,
             labels=[f"{name} {elevation / turbine.scale:.4g} m" for elevation, name in marks],

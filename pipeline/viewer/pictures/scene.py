@@ -18,7 +18,7 @@ from sensors.structure.description import TurbineDescription
 
 SECTORS = 24  # flat faces round a tube
 RIM = 48  # corners of the ground and of the sea [-]
-GROUND_RADIUS = 70.0  # of the discs that stand for sea and sea bed [m]
+GROUND_RADIUS = 40.0  # of the discs that stand for sea and sea bed [m]
 SMALLEST_HEIGHT = 60.0  # of a structure drawn in its own size [m]
 DRAWN_HEIGHT = 150.0  # of a smaller one in the picture [m]
 NACELLE_SIZE = (16.0, 8.0, 8.0)  # for the picture only [m]

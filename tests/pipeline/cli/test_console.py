@@ -3,15 +3,17 @@
 import json
 import logging
 import sys
+from importlib.metadata import PackageNotFoundError
 from io import StringIO
 from pathlib import Path
 
 import pytest
+import typer
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.text import Text
 
-from pipeline.cli import ConsoleHandler, main
+from pipeline.cli import ConsoleHandler, main, print_version
 from pipeline.cli.console import LineConsole, LogConsole, escape_markup, stderr, zenoh_settings
 from sensors.errors import InputError
 
@@ -75,3 +77,17 @@ def test_a_log_is_json_where_the_option_or_the_environment_asks(
     assert (second["logger"], second["message"]) == ("node", "t1 lost")
     assert "ValueError: inside" in second["exception"]
     assert set(first) == {"time", "level", "logger", "message"}
+
+
+def test_a_tower_unit_states_its_version(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def of_the_edge(name: str) -> str:
+        if name != "pilewatch-edge":
+            raise PackageNotFoundError(name)
+        return "1.2.3"
+
+    monkeypatch.setattr("pipeline.cli.version", of_the_edge)
+    with pytest.raises(typer.Exit):
+        print_version(True)
+    assert capsys.readouterr().out == "pilewatch-edge 1.2.3\n"

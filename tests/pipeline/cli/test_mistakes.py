@@ -101,6 +101,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("import noise.csv -o short.mcap --layout layout.toml", "exists already"),
     ("import noise.csv -o a.mcap --reader nothing", "nothing"),
     ("import gone.csv --template", "gone.csv"),
+    ("import noise.csv -o a.mcap --layout layout.toml --zone Berlin", "zone 'Berlin'"),
     # info
     ("info gone.mcap", "gone.mcap"),
     ("info noise.csv", "noise.csv"),
@@ -127,6 +128,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("identify noise.csv --layout template.toml", "height"),
     ("identify noise.csv --json --lowest-frequency 30", "30 Hz"),
     ("identify nan.csv --json", "NaN"),
+    ("identify noise.csv --zone Berlin", "zone 'Berlin' is no time zone"),
     # modes
     ("modes --theta 1,2", "three numbers"),
     ("modes --theta 1;1;1", "three numbers"),

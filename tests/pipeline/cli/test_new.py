@@ -70,3 +70,18 @@ def test_without_a_terminal_nothing_is_asked_and_guesses_are_stated(
     assert "What the names do not have is a guess" in capsys.readouterr().out
     assert call(f"new two.csv -o other {option}", monkeypatch) == 2
     assert "--sampling-rate HZ" in capsys.readouterr().err
+
+
+def test_the_commands_that_are_proposed_hold_names_with_blanks(
+    nameless: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("two.csv").rename("Turm 7.csv")
+    words = ["new", "Turm 7.csv", "-o", "mein Turm", "--sampling-rate", "20"]
+    monkeypatch.setattr(sys, "argv", ["pilewatch", *words])
+    with pytest.raises(SystemExit):
+        main()
+    printed = capsys.readouterr().out
+    assert "pilewatch import 'Turm 7.csv' --sampling-rate 20 --layout 'mein Turm/layout.toml'" in (
+        printed
+    )
+    assert "cd 'mein Turm' && pilewatch run" in printed

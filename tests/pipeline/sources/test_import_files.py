@@ -328,6 +328,15 @@ def test_a_file_runs_without_a_structure_to_modes_alone(tmp_path: Path) -> None:
     assert CliRunner().invoke(app, ["show", str(out / "session.mcap")]).exit_code == 0
 
 
+def test_import_takes_local_time(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", text(SAMPLES))
+    recording = tmp_path / "a.mcap"
+    line = ["import", str(path), "-o", str(recording), "--zone", "Europe/Berlin"]
+    assert CliRunner().invoke(app, line).exit_code == 0
+    first = next(each for each in read_messages(recording) if isinstance(each, AccelerationBlock))
+    assert first.start_ns == (START - np.timedelta64(1, "h")).astype("int64")
+
+
 def test_a_structural_model_is_compared_with_accelerations_alone(tmp_path: Path) -> None:
     path = written(
         tmp_path / "a.csv", text(SAMPLES).replace("[g]", "[mm/s]").replace("m/s²", "m/s")

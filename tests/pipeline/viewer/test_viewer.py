@@ -196,6 +196,28 @@ def test_identified_shape_lies_on_the_model_shape(recorded: Recorded):
         assert np.abs(dots - np.array(line)).max() < 0.05 * 20.0  # 5 % of the drawn swing [m]
 
 
+def test_two_modes_of_one_pair_stand_at_the_model_modes_whose_shapes_they_have(tmp_path: Path):
+    messages = list(session(Episode(n_windows=1)))
+    estimate = next(each for each in messages if isinstance(each, ModalEstimate))
+    posterior = next(each for each in messages if isinstance(each, FoundationPosterior))
+    fore_aft = replace(estimate.modes[0], frequency=0.158, pair_id="m1+m2")
+    side_side = replace(fore_aft, name="m1", shape=np.roll(fore_aft.shape, 4))
+    both = replace(estimate, modes=(side_side, fore_aft, *estimate.modes[1:]))
+    mean = replace(posterior.pairs[0], identified="m1+m2", frequency=0.158)
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    for message in (LAYOUT, both, replace(posterior, pairs=(mean, *posterior.pairs[1:]))):
+        viewer.handle(message)
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    for label, across, direction in (("1", 0, "SS"), ("2", 1, "FA")):
+        assert recorded.scalars(f"{ROOT}/modes/{label}/identified")[0, 1] == 0.158
+        caption, *_ = recorded.column(f"{ROOT}/shapes/{label}/caption", "Points3D:labels")
+        assert caption[:2] == [f"{direction} ≈", "0.158"]
+        motion = f"{ROOT}/shapes/{label}/motion/identified"
+        dots = np.abs(np.array(recorded.column(motion, "Points3D:positions")[-1]))
+        assert dots[:, across].max() < 0.1 * dots[:, 1 - across].max()
+
+
 def test_fore_aft_modes_swing_along_x_and_side_side_modes_along_y(recorded: Recorded):
     for name, direction, _, _ in REFERENCE_MODES:
         ((line,), *_) = recorded.column(f"{ROOT}/shapes/{name}/motion/model", "LineStrips3D:strips")

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from sensors.files import formats
 from sensors.files import table as optional
 from sensors.files.formats import channels_in, read_chunks, read_file
-from sensors.files.table import FileError
+from sensors.files.table import EVERYTHING, FileError, TimeColumn, dated
 from tests.sensors.files.conftest import NAMES, RATE, SAMPLES, SECONDS, START_NS, WRITERS
 
 UNDATED = (".uff", ".outb")  # formats that do not store when the measurement began
@@ -153,3 +154,16 @@ def test_the_channels_of_a_file_are_listed_without_its_samples(measurement: Path
     listed, whole = channels_in(measurement), read_file(measurement)
     assert (listed.names, listed.units) == (whole.names, whole.units)
     assert len(listed.samples) == 0
+
+
+@pytest.mark.parametrize(
+    ("stated", "hours"), [("01-Jul-2026 12:00:00", 10), ("2026-07-01T12:00:00Z", 12)]
+)
+def test_a_start_without_a_zone_is_of_the_zone_that_is_stated(
+    tmp_path: Path, stated: str, hours: int
+) -> None:
+    path = tmp_path / "a.mat"
+    savemat(path, {"low": np.arange(50.0), "fs": 25.0, "StartTime": stated})
+    zone = TimeColumn(zone="Europe/Copenhagen")
+    start = np.datetime64(read_file(path, wanted=dated(EVERYTHING, zone)).start_ns, "ns")
+    assert start == np.datetime64(f"2026-07-01T{hours:02d}:00:00")

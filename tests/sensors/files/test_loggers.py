@@ -11,7 +11,7 @@ import pytest
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.constants import STANDARD_GRAVITY
 from sensors.files.formats import read_file
-from sensors.files.table import EVERYTHING, DateOrder, FileError, dated
+from sensors.files.table import EVERYTHING, DateOrder, FileError, TimeColumn, dated
 
 RATE = 50.0  # [Hz]
 START = np.datetime64("2024-03-13T12:00:00.250", "ns")
@@ -183,7 +183,9 @@ def test_the_order_of_day_and_month_can_be_stated(
     tmp_path: Path, dates: DateOrder, month: int
 ) -> None:
     text = "Time,a,b\n" + rows(as_date("03/04/2024 %H:%M:%S.%f"))
-    table = read_file(written(tmp_path / "a.csv", text), wanted=dated(EVERYTHING, dates))
+    table = read_file(
+        written(tmp_path / "a.csv", text), wanted=dated(EVERYTHING, TimeColumn(dates=dates))
+    )
     assert np.datetime64(table.start_ns, "ns").astype("datetime64[M]") == np.datetime64(
         f"2024-{month:02d}"
     )
@@ -192,7 +194,8 @@ def test_the_order_of_day_and_month_can_be_stated(
 def test_a_stated_order_does_not_turn_dates_that_are_clear(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", "Time,a,b\n" + rows(as_date("13/04/2024 %H:%M:%S.%f")))
     assert (
-        read_file(path).start_ns == read_file(path, None, dated(EVERYTHING, "month-first")).start_ns
+        read_file(path).start_ns
+        == read_file(path, None, dated(EVERYTHING, TimeColumn(dates="month-first"))).start_ns
     )
 
 
