@@ -13,7 +13,7 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.figure_terms import FigureTerms
 from sensors.dynamics.snapshot_basis import SparseStack
 from sensors.structure.foundation import spring_matrix
-from sensors.structure.sensor_readings import ChannelReadings
+from sensors.structure.placed_readings import MovableReadings
 from sensors.structure.structural_model import StructuralModel
 
 LEVEL_SPACING = 0.5  # between the tabulated levels of the water; cubics between them [m]
@@ -37,14 +37,8 @@ class FigureGroup:
     """(m, m)"""
     springs: FloatArray
     """(3, m, m) of unit k11, k22 and k12"""
-    displacement: FloatArray
-    """(n_channels, m)"""
-    slope: FloatArray
-    """g ψ, (n_channels, m)"""
-    across: FloatArray
-    """(n_channels, m) displacement across the channels' axes, right-handed about z"""
-    across_slope: FloatArray
-    """g ψ across them, (n_channels, m)"""
+    readings: MovableReadings
+    """Of the m coordinates."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,10 +74,8 @@ class SparseGroup:
             springs=turned(_unit_springs(model)),
         )
 
-    def reduced(
-        self, basis: FloatArray, observation: ChannelReadings, across: ChannelReadings
-    ) -> FigureGroup:
-        """The group in a basis, (n, m), as channels read it along their axes and across them."""
+    def reduced(self, basis: FloatArray, readings: MovableReadings) -> FigureGroup:
+        """The group in a basis, (n, m), as channels read it."""
         vectors = self.coordinates @ basis
         water = self.water.congruent(basis)
         slopes = water
@@ -97,10 +89,7 @@ class SparseGroup:
             water_slopes=slopes,
             inner_water=self.inner_water.congruent(basis)[0],
             springs=self.springs.congruent(basis),
-            displacement=observation.displacement @ vectors,
-            slope=observation.gravity_slope @ vectors,
-            across=across.displacement @ vectors,
-            across_slope=across.gravity_slope @ vectors,
+            readings=readings.in_basis(vectors),
         )
 
 

@@ -31,7 +31,7 @@ from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import BY_NAME
 from sensors.structure.foundation import positive_definite
-from sensors.structure.sensor_readings import ChannelReadings
+from sensors.structure.placed_readings import Motion, MovableReadings, PlacedReadings, Placement
 from sensors.structure.structural_model import StructuralModel
 
 BladeMesh = Literal["described", "converged"]
@@ -75,8 +75,7 @@ class FigureModel:
         turbine = converged(turbine, blades)
         model = assemble(turbine)
         self._model = model
-        self._observation = ChannelReadings.of(model, layout)
-        self._across = ChannelReadings.of(model, _turned(layout))
+        self._readings = MovableReadings.of(model, layout)
         levels = np.arange(-LEVEL_REACH, LEVEL_REACH + LEVEL_SPACING / 2, LEVEL_SPACING)
         if turbine.water is not None:
             lowest = turbine.mudline + 1.0 - turbine.water.level
@@ -87,7 +86,7 @@ class FigureModel:
         self._stiffness_terms = Monomials(terms.stiffness, names)
         self._added = names.index("added_mass") if "added_mass" in names else None
         self._groups = self._projected(model, terms, np.random.default_rng(seed))
-        corners = self._observation.corner_frequencies
+        corners = self._readings.corner_frequencies
         self._corners = corners if np.any(corners > 0) else None
 
     def with_flooding(self, flooded: bool) -> "FigureModel":
@@ -104,7 +103,7 @@ class FigureModel:
         points = self._snapshot_points(generator)
         groups = []
         for coordinates in decoupled_groups(model):
-            if np.abs(self._observation.displacement @ coordinates).max() < 1e-9:
+            if np.abs(self._readings.stated.displacement @ coordinates).max() < 1e-9:
                 continue
             full = SparseGroup.of(model, terms, coordinates)
             basis = snapshot_basis(
@@ -112,7 +111,7 @@ class FigureModel:
                 SNAPSHOTS,
                 highest_frequency=BASIS_MARGIN * self.highest_frequency,
             )
-            groups.append(full.reduced(basis, self._observation, self._across))
+            groups.append(full.reduced(basis, self._readings))
         return tuple(groups)
 
     def _snapshot_points(
@@ -185,41 +184,63 @@ class FigureModel:
         derived = np.array([6 * t**2 - 6 * t, 6 * t - 6 * t**2]) / LEVEL_SPACING
         derived_of_slopes = np.array([3 * t**2 - 4 * t + 1, 3 * t**2 - 2 * t])
         ends, slopes = group.water[left : left + 2], group.water_slopes[left : left + 2]
-        W = np.tensordot(weights, ends, axes=1) + np.tensordot(weights_of_slopes, slopes, axes=1)
-        dW = np.tensordot(derived, ends, axes=1) + np.tensordot(derived_of_slopes, slopes, axes=1)
-        return W, dW
+        nearest = (*ends, *slopes)
+        W = _weighted([*weights, *weights_of_slopes], nearest)
+        return W, _weighted([*derived, *derived_of_slopes], nearest)
 
     # ---- many points -----------------------------------------------------------------------
 
-    def modes(self, theta: FloatArray, departures: FloatArray, levels: FloatArray) -> FigureModes:
+    def modes(
+        self,
+        theta: FloatArray,
+        departures: FloatArray,
+        levels: FloatArray,
+        placement: Placement | None = None,
+    ) -> FigureModes:
         """The visible modes at many points.
 
         theta        θ, (n, 3) [N/m, N·m/rad, N/rad]
         departures   (n, q) of the figures, in their units
         levels       (n,) of the water above the description's [m]
+        placement    where the sensors are; None: as the layout states
         """
+        (found,) = self.modes_at(theta, departures, levels, [placement])
+        return found
+
+    def modes_at(
+        self,
+        theta: FloatArray,
+        departures: FloatArray,
+        levels: FloatArray,
+        placements: Sequence[Placement | None],
+    ) -> list[FigureModes]:
+        """The same for several placements of the sensors, the structures solved once."""
         admissible = positive_definite(theta)
-        parts = [
-            self._solved(group, theta, departures, levels, admissible) for group in self._groups
-        ]
+        stated = Placement.as_stated(len(self.layout.channels))
+        parts = []
+        for group in self._groups:
+            motions = [group.readings.at(each or stated).motion for each in placements]
+            parts.append(self._solved(group, motions, theta, departures, levels, admissible))
         squares = np.concatenate([squares for squares, _ in parts], axis=1)
-        readings = np.concatenate([readings for _, readings in parts], axis=1)
+        readings = np.concatenate([readings for _, readings in parts], axis=2)
         admissible &= np.isfinite(squares).any(axis=1)
-        return self._visible(squares, readings, admissible)
+        return [self._visible(squares, each, admissible) for each in readings]
 
     def _solved(
         self,
         group: FigureGroup,
+        motions: Sequence[Motion],
         theta: FloatArray,
         departures: FloatArray,
         levels: FloatArray,
         admissible: NDArray[np.bool_],
     ) -> tuple[FloatArray, FloatArray]:
-        """λ, (n, m), NaN where there is no such mode, and displacement and tilt read, (n, m, c)."""
+        """λ, (n, m), NaN where there is no such mode, and what is read of each motion,
+        (n_motions, n, m, c)."""
         n, size = len(theta), group.basis.shape[1]
         highest = (2 * np.pi * self.highest_frequency) ** 2
         squares = np.full((n, size), np.nan)
-        readings = np.zeros((n, size, group.displacement.shape[0]))
+        readings = np.zeros((len(motions), n, size, len(self.layout.channels)))
         for row in np.flatnonzero(admissible):
             K, M = self._matrices(group, theta[row], departures[row], float(levels[row]))
             try:
@@ -232,7 +253,8 @@ class FigureModel:
             kept = int(np.searchsorted(values, highest))
             squares[row, :kept] = values[:kept]
             V = vectors[:, :kept]
-            readings[row, :kept] = (group.displacement @ V + group.slope @ V / values[:kept]).T
+            for number, motion in enumerate(motions):
+                readings[number, row, :kept] = motion.read(V, values[:kept])
         return squares, readings
 
     def _visible(
@@ -261,9 +283,17 @@ class FigureModel:
     # ---- derivatives -----------------------------------------------------------------------
 
     def linearised(
-        self, theta: FloatArray, departures: FloatArray, level: float
+        self,
+        theta: FloatArray,
+        departures: FloatArray,
+        level: float,
+        placement: Placement | None = None,
     ) -> Linearisation | None:
-        """Modes and derivatives at one point; None where it is not admissible."""
+        """Modes and derivatives at one point; None where it is not admissible.
+
+        placement   where the sensors are; None: as the layout states
+        """
+        placement = placement or Placement.as_stated(len(self.layout.channels))
         if not bool(positive_definite(theta)):
             return None
         parts = []
@@ -272,11 +302,12 @@ class FigureModel:
             self._stiffness_terms.slopes(departures),
         )
         for group in self._groups:
-            part = self._linearised_group(group, theta, departures, level, slopes)
+            placed = group.readings.at(placement)
+            part = self._linearised_group(group, placed, theta, departures, level, slopes)
             if part is None:
                 return None
             parts.append(part)
-        squares, log_slopes, readings, reading_slopes, across, by_height, vectors = (
+        squares, log_slopes, readings, reading_slopes, by_heading, by_height, vectors = (
             np.concatenate(each) for each in zip(*parts, strict=True)
         )
         motion = np.abs(readings).max(axis=1)
@@ -284,7 +315,7 @@ class FigureModel:
         order = seen[np.argsort(squares[seen])]
         frequencies = np.sqrt(squares[order]) / (2 * np.pi)
         readings, reading_slopes = readings[order], reading_slopes[order]
-        across, by_height = across[order], by_height[order]
+        by_heading, by_height = by_heading[order], by_height[order]
         log_slopes = log_slopes[order] / (2 * squares[order, None])
         if self._corners is not None:
             ratio = 1j * self._corners / frequencies[:, None]
@@ -293,7 +324,8 @@ class FigureModel:
             reading_slopes = (
                 reading_slopes * gain[..., None] + turned[..., None] * log_slopes[:, None, :]
             )
-            readings, across, by_height = readings * gain, across * gain, by_height * gain
+            readings = readings * gain
+            by_heading, by_height = by_heading * gain, by_height * gain
         places = np.argmax(np.abs(readings), axis=1)[:, None]
         shapes = np.real(readings / np.take_along_axis(readings, places, axis=1))
         return Linearisation(
@@ -302,7 +334,7 @@ class FigureModel:
             log_frequency_slopes=log_slopes,
             readings=readings,
             reading_slopes=reading_slopes,
-            across=across,
+            by_heading=by_heading,
             by_height=by_height,
             vectors=vectors[order],
         )
@@ -310,13 +342,14 @@ class FigureModel:
     def _linearised_group(
         self,
         group: FigureGroup,
+        placed: PlacedReadings,
         theta: FloatArray,
         departures: FloatArray,
         level: float,
         slopes: tuple[FloatArray, FloatArray],
     ) -> tuple[FloatArray, ...] | None:
         """Of the modes that the sensors see: λ (m,), dλ (m, p), readings (m, c), their derivatives
-        (m, c, p), vectors (m, n_dofs)."""
+        (m, c, p) and by headings and heights (m, c), vectors (m, n_dofs)."""
         K, M = self._matrices(group, theta, departures, level)
         try:
             values, vectors = eigh(K, M, check_finite=False)
@@ -324,7 +357,8 @@ class FigureModel:
             return None
         if not values[0] > 0:
             return None
-        H, G = group.displacement @ vectors, group.slope @ vectors  # (c, m)
+        H = placed.motion.displacement @ vectors  # (c, m)
+        G = placed.motion.gravity_slope @ vectors
         below = np.searchsorted(values, (2 * np.pi * self.highest_frequency) ** 2)
         motion = np.abs(H[:, :below] + G[:, :below] / values[:below]).max(axis=0)
         kept = np.flatnonzero(motion >= VISIBLE_SHARE * motion.max(initial=0.0))
@@ -345,10 +379,9 @@ class FigureModel:
         readings = (H[:, kept] + G[:, kept] / lam).T
         moved = np.matmul(H, mixing) + np.matmul(G, mixing) / lam  # (p, c, kept)
         moved -= G[:, kept][None] * (dlam.T / lam**2)[:, None, :]
-        across = (group.across @ V + group.across_slope @ V / lam).T
-        by_height = (group.slope @ V).T / (self.turbine.gravity or 1.0)  # without weight no slope
+        by_heading, by_height = placed.by_heading.read(V, lam), placed.by_height.read(V, lam)
         moved = np.moveaxis(moved, 0, 2).swapaxes(0, 1)
-        return lam, dlam, readings, moved, across, by_height, (group.basis @ V).T
+        return lam, dlam, readings, moved, by_heading, by_height, (group.basis @ V).T
 
     def _matrix_slopes(
         self,
@@ -375,6 +408,14 @@ class FigureModel:
         return dK, dM
 
 
+def _weighted(weights: Sequence[float], matrices: Sequence[FloatArray]) -> FloatArray:
+    """The weighted sum of a few matrices: one by one, which is faster than as a product."""
+    found = weights[0] * matrices[0]
+    for weight, matrix in zip(weights[1:], matrices[1:], strict=True):
+        found += weight * matrix
+    return found
+
+
 def converged(turbine: TurbineDescription, blades: BladeMesh = "converged") -> TurbineDescription:
     """The same structure on a mesh whose modes up to 12.5 Hz are exact to 1e-4 on average, 5e-4 at
     worst: the described one errs by up to 2e-3, more than identified frequencies do."""
@@ -383,14 +424,3 @@ def converged(turbine: TurbineDescription, blades: BladeMesh = "converged") -> T
         return finer
     modes = max(finer.blades.modes_per_element, BLADE_MODES)
     return replace(finer, blades=replace(finer.blades, modes_per_element=modes))
-
-
-def _turned(layout: SensorLayout) -> SensorLayout:
-    """Every axis turned by a right angle about z: x becomes y, y becomes −x."""
-    axes = [replace(c, direction=_right_angle(c.direction)) for c in layout.channels]
-    return replace(layout, channels=tuple(axes))
-
-
-def _right_angle(direction: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = direction
-    return (-y, x, z)

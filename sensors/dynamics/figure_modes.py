@@ -36,9 +36,9 @@ class Linearisation:
     AC-coupled channel"""
     reading_slopes: FloatArray
     """(n_modes, n_channels, p) their derivatives"""
-    across: FloatArray
-    """(n_modes, n_channels) what the channels would read turned by a right angle about z"""
+    by_heading: FloatArray
+    """(n_modes, n_channels) derivatives of the readings by the sensors' turn about z [1/rad]"""
     by_height: FloatArray
-    """(n_modes, n_channels) change of what they read by a metre of height [1/m]"""
+    """(n_modes, n_channels) derivatives of the readings by the sensors' heights [1/m]"""
     vectors: FloatArray
     """(n_modes, n_dofs) mass-normalised modes"""

@@ -112,9 +112,9 @@ class JointModel:
         other.rise = rise
         return other
 
-    def with_prior_std(self, place: int, std: float) -> Self:
-        """The same with another prior standard deviation of one coordinate."""
-        return self._with(self.coordinates.with_prior_std(place, std))
+    def with_prior(self, place: int, mean: float, std: float) -> Self:
+        """The same with another prior of one coordinate."""
+        return self._with(self.coordinates.with_prior(place, mean, std))
 
     def _with(self, coordinates: JointCoordinates) -> Self:
         other = object.__new__(type(self))
@@ -149,18 +149,26 @@ class JointModel:
 
     def linearised(self, u: FloatArray) -> Linearisation | None:
         """The model's modes at a point as the sensors read them; None where it cannot stand."""
+        return self._at_level(u, 0.0)
+
+    def _at_level(self, u: FloatArray, rise: float) -> Linearisation | None:
+        """The same with the water that much above the point's level [m]."""
         point = self.coordinates.point(u)
-        modes = self.model.linearised(point.theta, point.departures, point.level + self.rise)
+        modes = self.model.linearised(
+            point.theta,
+            point.departures,
+            point.level + self.rise + rise,
+            self.sensors.placement(self.coordinates.sensors(u)),
+        )
         return None if modes is None else self._as_read(modes, u)
 
     def _as_read(self, modes: Linearisation, u: FloatArray) -> Linearisation:
-        """Modes and derivatives by u, (n_modes, n_channels, n_dim), by sensors with these figures.
-
-        A sensor's turn changes what the springs do to its reading by second order: left out.
-        """
+        """Modes and derivatives by u, (n_modes, n_channels, n_dim), by channels with gains."""
         z, slopes = self.coordinates.sensors(u), self.coordinates.slopes(u)
-        readings, by_sensor = self.sensors.read(z, modes.readings, modes.across, modes.by_height)
-        by_u = modes.reading_slopes @ slopes * self.sensors.derived(z)[:, None]
+        gains = self.sensors.gains(z)
+        readings = modes.readings * gains
+        by_sensor = self.sensors.slopes(z, modes.readings, modes.by_heading, modes.by_height)
+        by_u = modes.reading_slopes @ slopes * gains[:, None]
         by_u[..., by_u.shape[-1] - by_sensor.shape[-1] :] += by_sensor
         places = np.argmax(np.abs(readings), axis=1)[:, None]
         return replace(
@@ -187,16 +195,14 @@ class JointModel:
 
     def partners_in_water(self, u: FloatArray, found: ModeErrors) -> list[PartnerInWater]:
         """Each mode of a comparison at a point with the water a metre lower and higher."""
-        point, middle = self.coordinates.point(u), found.linearisation
+        middle = found.linearisation
         n = len(middle.frequencies)
         logs, shapes = np.empty((3, n)), np.empty((3, n, middle.shapes.shape[1]))
         for row, rise in enumerate((-1.0, 0.0, 1.0)):
-            level = point.level + self.rise + rise
-            there = self.model.linearised(point.theta, point.departures, level)
+            there = self._at_level(u, rise)
             if there is None:
                 there, places = middle, np.arange(n)
             else:
-                there = self._as_read(there, u)
                 places = continued(middle, there)
             logs[row], shapes[row] = np.log(there.frequencies[places]), there.shapes[places]
         return [PartnerInWater(logs[:, i], shapes[:, i]) for i in range(n)]

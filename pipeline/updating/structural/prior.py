@@ -7,6 +7,7 @@ figure is the quantile of its prior at Φ(z): a Gaussian copula, whatever its ow
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,13 +142,9 @@ class JointCoordinates:
 
     def with_level_std(self, level_std: float) -> "JointCoordinates":
         """The same with another uncertainty of the water's level [m]."""
-        return JointCoordinates(
-            self.nominal,
-            self.figures,
-            level_std,
-            sensor_names=self.sensor_names,
-            belief=self.belief,
-        )
+        other = copy(self)
+        other.level_std = level_std
+        return other
 
     def with_belief(self, belief: "GaussianBelief | None") -> "JointCoordinates":
         """The same with another prior of some coordinates."""
@@ -159,18 +156,18 @@ class JointCoordinates:
             belief=belief,
         )
 
-    def with_prior_std(self, place: int, std: float) -> "JointCoordinates":
-        """The same with another prior standard deviation of one coordinate."""
-        other = self.with_level_std(self.level_std)
-        precision = other.prior_precision.copy()
-        precision[place], precision[:, place] = 0.0, 0.0
-        precision[place, place] = std**-2
-        other.prior_precision = precision
+    def with_prior(self, place: int, mean: float, std: float) -> "JointCoordinates":
+        """The same with another prior of one coordinate, apart from all others."""
+        other = copy(self)
+        other.origin, other.prior_precision = self.origin.copy(), self.prior_precision.copy()
+        other.origin[place] = mean
+        other.prior_precision[place], other.prior_precision[:, place] = 0.0, 0.0
+        other.prior_precision[place, place] = std**-2
         return other
 
     def with_wider_figures(self, factor: float) -> "JointCoordinates":
         """The same with standard deviations of all figures that are so many times as large."""
-        other = self.with_level_std(self.level_std)
+        other = copy(self)
         scale = np.ones(self.n_dim)
         scale[N_SPRINGS : self._level] = factor
         other.prior_precision = self.prior_precision / np.outer(scale, scale)

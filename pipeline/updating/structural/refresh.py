@@ -26,10 +26,12 @@ from pipeline.updating.structural.predictive_checks import (
     held_out_checks,
 )
 from pipeline.updating.structural.sensors.faults import (
+    LARGEST_COST,
     LOST_PAIRS,
+    SUSPICIOUS_COST,
     SensorFault,
     fault_named,
-    likely_wirings,
+    likely_faults,
     sensor_fault,
     still_explained,
     suspicious,
@@ -169,6 +171,11 @@ class _Attempt:
         """Whether modes find no partners: only wrong cables or another description explain it."""
         return self.result.best.fit.is_rough or self.refusal(guards) is not None
 
+    def explains_little(self, guards: AcceptanceSettings) -> bool:
+        """Whether all structures may be wrong because the shapes are."""
+        peak = self.result.best.peak
+        return self.fits_nothing(guards) or peak.relative_cost > LARGEST_COST
+
     def refusal(self, guards: AcceptanceSettings) -> QualityWarning | None:
         """Why the modes are not this structure's."""
         cost = self.result.best.peak.comparison.pairing.cost
@@ -194,18 +201,19 @@ def _tried(
         return known
     first = min((each.tolerance for each in warm), default=FINEST_TOLERANCE)
     most: _Attempt | None = None
-    cables_searched = False
+    searched = False
     for tolerance in (each for each in TOLERANCES if each >= first):
         fitted = _fitted(inference, measured, warm, level_std=level_std, tolerance=tolerance)
         if fitted is None:
             continue
         attempt = _Attempt(*fitted)
-        if attempt.fits_nothing(guards):
-            if not cables_searched:
-                attempt = _with_wrong_cables(inference, measured, attempt, level_std=level_std)
-            cables_searched = True
-        elif attempt.suspicious:
-            attempt = _with_sensor_fault(inference, attempt, last_fault)
+        if not attempt.fits_nothing(guards) and attempt.suspicious:
+            attempt = _with_sensor_fault(
+                inference, measured, attempt, level_std=level_std, last=last_fault
+            )
+        if attempt.fault is None and attempt.explains_little(guards) and not searched:
+            attempt = _with_likely_fault(inference, measured, attempt, level_std=level_std)
+            searched = True
         if attempt.fault is not None or attempt.paired_share >= guards.paired_share:
             return attempt
         if most is None or attempt.rank(guards) > most.rank(guards):
@@ -220,15 +228,21 @@ def _with_fault_named(
     *,
     level_std: float,
     name: str,
+    size: float = 0.0,
 ) -> _Attempt | None:
-    """The result with the fault of that name, if it explains the evidence."""
+    """The result with the fault of that name, if it explains the evidence.
+
+    size   of a sensor's figure, where no last fit has it [prior standard deviations]
+    """
     fault = fault_named(name, inference.fits[0][1])
     if fault is None:
         return None
     corrected = fault.corrected(measured)
+    if fault.place is not None and warm:
+        size = float(warm[0].u[fault.place])
 
     def allowing(fit: JointFit) -> JointFit:
-        same = fault_named(name, fit)
+        same = fault_named(name, fit, size=size)
         return fit if same is None else same.fit
 
     fitted = _fitted(
@@ -272,27 +286,51 @@ def _fitted(
     return result, evidence
 
 
-def _with_wrong_cables(
+def _with_likely_fault(
     inference: JointInference, measured: ModalEvidence, attempt: _Attempt, *, level_std: float
 ) -> _Attempt:
-    """The attempt with the cables that let most modes find their partners; as it was for none.
+    """The attempt with the fault that lets most modes find their partners; as it was for none.
 
     Every alternative is fitted anew: which was best with wrong shapes tells nothing.
     """
     fine = attempt.result.best.fit.with_tolerance(FINEST_TOLERANCE)
-    for fault in likely_wirings(fine, attempt.evidence):
-        found = _with_fault_named(inference, measured, (), level_std=level_std, name=fault.name)
-        if found is not None and found.paired_share > attempt.paired_share - LOST_PAIRS:
-            return found
-    return attempt
+    best: _Attempt | None = None
+    for fault in likely_faults(fine, attempt.evidence):
+        size = 0.0 if fault.place is None else float(fault.fit.coordinates.origin[fault.place])
+        found = _with_fault_named(
+            inference, measured, (), level_std=level_std, name=fault.name, size=size
+        )
+        if found is None or found.paired_share <= attempt.paired_share - LOST_PAIRS:
+            continue
+        if best is None or found.result.best.peak.excess < best.result.best.peak.excess:
+            best = found
+        if best.result.best.peak.relative_cost <= SUSPICIOUS_COST:
+            break
+    return best or attempt
 
 
-def _with_sensor_fault(inference: JointInference, attempt: _Attempt, last: str) -> _Attempt:
-    """The attempt with the likeliest fault of a sensor taken into account; as it was for none."""
+def _with_sensor_fault(
+    inference: JointInference,
+    measured: ModalEvidence,
+    attempt: _Attempt,
+    *,
+    level_std: float,
+    last: str,
+) -> _Attempt:
+    """The attempt with the likeliest fault of a sensor taken into account; as it was for none.
+
+    A fault that changes shapes by much may have led to a wrong structure and a wrong valley: every
+    alternative is fitted anew from where the fault was found.
+    """
     best, evidence = attempt.result.best, attempt.evidence
     peak = best.fit.settled(evidence, best.peak.u) or best.peak  # by the floors alone
     found = sensor_fault(best.fit, evidence, peak, last=last)
-    return attempt if found is None else _with_fault(inference, attempt, *found)
+    if found is None:
+        return attempt
+    fault, peak = found
+    warm = [WarmStart(each.name, peak.u, peak.relative_cost) for each, _ in inference.fits]
+    anew = _with_fault_named(inference, measured, warm, level_std=level_std, name=fault.name)
+    return anew or _with_fault(inference, attempt, fault, peak)
 
 
 def _with_fault(

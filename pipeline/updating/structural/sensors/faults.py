@@ -15,8 +15,8 @@ import numpy as np
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.structural.joint_fit import JointFit
 from pipeline.updating.structural.joint_model import JointPeak
-from pipeline.updating.structural.prior import JointCoordinates
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 
 WIDE = {"gain": 40.0, "heading": 30.0, "height": 60.0}  # factor on the prior's std of a fault
 EXCHANGES_TRIED = 3  # of channels, those that pair the modes best
@@ -28,6 +28,8 @@ SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
 SUSPICIOUS_PAIRS = 0.85  # share of modes with a partner, below which likewise [-]
 SUSPICIOUS_FIGURE = 3.0  # of a sensor's figure from its prior, likewise [std]
 LOST_PAIRS = 0.02  # share of the modes that may lose their partner by a fault's correction [-]
+STARTS = {"gain": (0.0,), "heading": (0.0,), "height": (0.0, 2.5, -2.5)}  # of the descent to a
+# fault, in its unit: beyond a metre modes seem to be others, and no step from 0 lowers the cost
 LEAST_SIZE = {"gain": 0.03, "heading": 5.0, "height": 0.7}  # that is named [-], [deg], [m]
 
 
@@ -44,6 +46,8 @@ class SensorFault:
     order: tuple[int, ...]
     """Which channel's values each channel of the layout really has."""
     signs: tuple[float, ...]
+    place: int | None = None
+    """Of the coordinate that is far off; None where channels are confused."""
 
     def corrected(self, evidence: ModalEvidence) -> ModalEvidence:
         """The evidence with the channels put right."""
@@ -86,9 +90,12 @@ def sensor_fault(
     return found
 
 
-def fault_named(name: str, fit: JointFit) -> SensorFault | None:
-    """The fault of that name with this fit; None where the layout has no such sensor."""
-    faults = chain(_wrong_figures(fit), _wrong_cables(fit), _exchanges(fit))
+def fault_named(name: str, fit: JointFit, *, size: float = 0.0) -> SensorFault | None:
+    """The fault of that name with this fit; None where the layout has no such sensor.
+
+    size   of a figure, about which it is looked for [prior standard deviations]
+    """
+    faults = chain(_wrong_figures(fit, size), _wrong_cables(fit), _exchanges(fit))
     return next((each for each in faults if each.name == name), None)
 
 
@@ -110,10 +117,15 @@ def still_explained(
     return replace(fault, text=text) if text else None
 
 
-def likely_wirings(fit: JointFit, evidence: ModalEvidence) -> list[SensorFault]:
-    """Sensors swapped, a channel flipped or two exchanged, with which modes find much nearer
-    partners among drawn structures, the nearest first; none where none is much nearer."""
-    return _best_paired([*_wrong_cables(fit), *_exchanges(fit)], fit, evidence)
+def likely_faults(fit: JointFit, evidence: ModalEvidence) -> list[SensorFault]:
+    """Sensors swapped or far from their heights, a channel flipped or two exchanged, with which
+    modes find much nearer partners among drawn structures, the nearest first; none where none is
+    much nearer."""
+    displaced = _displaced(fit)
+    bounds = fit.pairing_bounds_at(evidence, [fit.coordinates.sensors(u) for _, u in displaced])
+    rated = [(bound, fault) for bound, (fault, _) in zip(bounds, displaced, strict=True)]
+    rated += _rated([*_wrong_cables(fit), *_exchanges(fit)], fit, evidence)
+    return _nearest(rated, fit, evidence)
 
 
 def _best_of(
@@ -140,18 +152,31 @@ def _share(peak: JointPeak) -> float:
 
 def _fitted(fault: SensorFault, evidence: ModalEvidence, peak: JointPeak) -> JointPeak | None:
     """The peak with a fault: near the one without it, unless channels change their meaning."""
-    corrected = fault.corrected(evidence)
-    if corrected is evidence:
-        return fault.fit.settled(corrected, peak.u)
-    return fault.fit.best(corrected, [peak.u], most_starts=2)
+    if fault.place is None:
+        return fault.fit.best(fault.corrected(evidence), [peak.u], most_starts=2)
+    ends = [fault.fit.settled(evidence, start) for start in _starts(fault, peak.u)]
+    return min((end for end in ends if end), key=lambda end: end.excess, default=None)
 
 
-def _wrong_figures(fit: JointFit) -> Iterator[SensorFault]:
+def _starts(fault: SensorFault, u: FloatArray) -> Iterator[FloatArray]:
+    """Points with one sensor's figure off by some typical sizes, else as at u."""
+    number = [figure.name for figure in fault.fit.sensors.figures].index(fault.name)
+    figure = fault.fit.sensors.figures[number]
+    for size in STARTS[figure.kind]:
+        start = u.copy()
+        start[fault.place] += size / figure.std
+        yield start
+
+
+def _wrong_figures(fit: JointFit, size: float = 0.0) -> Iterator[SensorFault]:
     """One gain, heading or height that is far off."""
     n = len(fit.model.layout.channels)
     order, signs = tuple(range(n)), (1.0,) * n
+    first = fit.coordinates.n_dim - len(fit.sensors.figures)
     for number, figure in enumerate(fit.sensors.figures):
-        yield SensorFault(figure.name, figure.name, _loosened(fit, number), order, signs)
+        place = first + number
+        loosened = fit.with_prior(place, size, WIDE[figure.kind])
+        yield SensorFault(figure.name, figure.name, loosened, order, signs, place)
 
 
 def _wrong_cables(fit: JointFit) -> Iterator[SensorFault]:
@@ -188,22 +213,35 @@ def _exchanges(fit: JointFit) -> Iterator[SensorFault]:
         yield SensorFault(name, text, fit, tuple(order), (1.0,) * n)
 
 
+def _displaced(fit: JointFit) -> list[tuple[SensorFault, FloatArray]]:
+    """Each sensor far below or above where it is stated, and the prior's mean with it there."""
+    found = []
+    for number, figure in enumerate(fit.sensors.figures):
+        for size in (each / figure.std for each in STARTS[figure.kind] if each):
+            fault = list(_wrong_figures(fit, size))[number]
+            found.append((fault, fault.fit.coordinates.origin))
+    return found
+
+
 def _best_paired(
     faults: Iterable[SensorFault], fit: JointFit, evidence: ModalEvidence
 ) -> list[SensorFault]:
     """Those with which modes find nearer partners among drawn structures, the nearest first."""
+    return _nearest(_rated(faults, fit, evidence), fit, evidence)
+
+
+def _rated(
+    faults: Iterable[SensorFault], fit: JointFit, evidence: ModalEvidence
+) -> list[tuple[float, SensorFault]]:
+    return [(fit.pairing_bound(each.corrected(evidence)), each) for each in faults]
+
+
+def _nearest(
+    rated: Iterable[tuple[float, SensorFault]], fit: JointFit, evidence: ModalEvidence
+) -> list[SensorFault]:
     as_it_is = fit.pairing_bound(evidence)
-    bounds = [(fit.pairing_bound(each.corrected(evidence)), each) for each in faults]
-    better = [each for each in bounds if each[0] < as_it_is]
-    return [fault for _, fault in sorted(better, key=lambda each: each[0])][:EXCHANGES_TRIED]
-
-
-def _loosened(fit: JointFit, number: int) -> JointFit:
-    """The fit with a wide prior of one sensor's figure."""
-    old: JointCoordinates = fit.coordinates
-    kind = fit.sensors.figures[number].kind
-    place = old.n_dim - len(fit.sensors.figures) + number
-    return fit.with_prior_std(place, WIDE[kind])
+    better = sorted((each for each in rated if each[0] < as_it_is), key=lambda each: each[0])
+    return [fault for _, fault in better][:EXCHANGES_TRIED]
 
 
 def _sized(fault: SensorFault, peak: JointPeak) -> str:

@@ -2,10 +2,11 @@
 
 A channel of gain 1 + g, whose sensor is turned by α about the vertical and sits δ higher, reads
 
-    r = (1 + g) (cos α r_c + sin α r_⊥ + δ dr_c/dz),
+    r = (1 + g) (cos α r_c(z + δ) + sin α r_⊥(z + δ)),
 
-r_c and r_⊥ what the model reads along the stated axis and across it. One angle and one height
-belong to all horizontal channels at one elevation: a sensor has both axes in one housing.
+r_c and r_⊥ what the model reads along the stated axis and across it (`placed_readings`). One angle
+and one height belong to all channels at one elevation, the angle to the horizontal ones: a sensor
+has its axes in one housing.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
+from sensors.structure.placed_readings import Placement
 
 # Engineering judgement, all three: no standard states them.
 GAIN_STD = 0.01  # of a channel, as usual data sheets of accelerometers have it [-]
@@ -60,25 +62,15 @@ def sensor_figures(
     ]
     for elevation in elevations:
         here = tuple(n for n, c in enumerate(layout.channels) if c.elevation == elevation)
-        found.append(SensorFigure("heading", f"{elevation:g} m", "deg", heading, here))
+        level = tuple(n for n in here if any(layout.channels[n].direction[:2]))
+        if level:
+            found.append(SensorFigure("heading", f"{elevation:g} m", "deg", heading, level))
         found.append(SensorFigure("height", f"{elevation:g} m", "m", height, here))
     return tuple(figure for figure in found if figure.std > 0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SensorState:
-    """Gains, headings and heights at one point."""
-
-    gains: FloatArray
-    """(n_channels,) factors [-]"""
-    headings: FloatArray
-    """(n_channels,) [rad]"""
-    heights: FloatArray
-    """(n_channels,) above the stated ones [m]"""
-
-
 class SensorReadings:
-    """What channels read with their sensors' figures, and the derivatives by them."""
+    """Gains and places of the sensors by their figures, and derivatives of what channels read."""
 
     def __init__(self, figures: Sequence[SensorFigure], n_channels: int) -> None:
         self.figures = tuple(figures)
@@ -95,34 +87,28 @@ class SensorReadings:
         """Names of the figures."""
         return tuple(figure.name for figure in self.figures)
 
-    def state(self, z: FloatArray) -> SensorState:
-        """At coordinates z, (r,), in prior standard deviations."""
-        return SensorState(1 + z @ self._gain, z @ self._heading, z @ self._height)
+    def placement(self, z: FloatArray) -> Placement:
+        """Where the sensors are at coordinates z, (r,), in prior standard deviations."""
+        return Placement(z @ self._heading, z @ self._height)
 
-    def read(
+    def gains(self, z: FloatArray) -> FloatArray:
+        """(n_channels,) what channels read over what they should."""
+        return np.asarray(1 + z @ self._gain)
+
+    def slopes(
         self,
         z: FloatArray,
-        along: NDArray[Any],
-        across: NDArray[Any],
+        readings: NDArray[Any],
+        by_heading: NDArray[Any],
         by_height: NDArray[Any],
-    ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Readings, (n_modes, n_channels), and their derivatives by z, (n_modes, n_channels, r).
+    ) -> NDArray[Any]:
+        """Derivatives by z, (n_modes, n_channels, r), of what channels read with their gains.
 
-        along, across, by_height   (n_modes, n_channels) r_c, r_⊥ and dr_c/dz of the model
+        readings, by_heading, by_height   (n_modes, n_channels) of placed sensors of gain 1
         """
-        state = self.state(z)
-        cosine, sine = np.cos(state.headings), np.sin(state.headings)
-        bare = cosine * along + sine * across + state.heights * by_height
-        turned = (-sine * along + cosine * across) * state.gains
-        raised = by_height * state.gains
-        slopes = (
-            bare[..., None] * self._gain.T
-            + turned[..., None] * self._heading.T
-            + raised[..., None] * self._height.T
+        gains = self.gains(z)
+        return np.asarray(
+            readings[..., None] * self._gain.T
+            + (by_heading * gains)[..., None] * self._heading.T
+            + (by_height * gains)[..., None] * self._height.T
         )
-        return bare * state.gains, slopes
-
-    def derived(self, z: FloatArray) -> FloatArray:
-        """(n_channels,) factor from a derivative of r_c to one of the reading."""
-        state = self.state(z)
-        return np.asarray(state.gains * np.cos(state.headings))

@@ -104,7 +104,7 @@ def test_two_channels_exchanged_from_the_start_are_named(
     assert found.refusal is None
     draws = np.log(found.draws[:, :3] * NOMINAL / truth.theta)
     assert np.abs(draws.mean(axis=0) / draws.std(axis=0)).max() < 3.5
-    for search in ("sensor_fault", "likely_wirings"):
+    for search in ("sensor_fault", "likely_faults"):
         monkeypatch.setattr(refresh, search, lambda *_, **__: pytest.fail("searched again"))
     again = joint_refresh(inference, evidence, found.warm_starts, rng, last_fault=found.fault.name)
     assert again is not None

@@ -81,3 +81,17 @@ def test_no_figure_falls_below_a_tenth_of_the_described_one() -> None:
     u[3] = -7.0
     assert coordinates.departures(u)[0] == pytest.approx(-0.9)
     assert coordinates.slopes(u)[3, 3] == 0.0
+
+
+def test_priors_that_were_changed_stay_changed(coordinates: JointCoordinates) -> None:
+    """A sensor that may be far off, then another one, then an unknown level: all three count."""
+    level, gain = coordinates.n_dim - 2, coordinates.n_dim - 1
+    found = coordinates.with_prior(gain, 3.0, 40.0).with_prior(3, 1.0, 5.0).with_level_std(1.0)
+    assert found.prior_precision[gain, gain] == pytest.approx(40.0**-2)
+    assert found.prior_precision[3, 3] == pytest.approx(5.0**-2)
+    assert (found.origin[gain], found.origin[3]) == (3.0, 1.0)
+    u = found.origin.copy()
+    u[level] = 2.0
+    assert found.level(u) == pytest.approx(2.0)
+    assert coordinates.level(u) == pytest.approx(0.2)
+    assert coordinates.prior_precision[gain, gain] == pytest.approx(1.0)
