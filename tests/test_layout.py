@@ -163,6 +163,16 @@ def test_the_places_of_the_forty_questions_are_there() -> None:
     assert not [place for place in places if not (ROOT / place).is_file()]
 
 
+def test_what_was_lost_without_a_word_has_its_tests() -> None:
+    table = (ROOT / "tests/pipeline/silent_losses.md").read_text("utf-8")
+    rows = re.findall(r"^\| .* \|$", table, re.MULTILINE)[1:]
+    for row in rows:
+        named = re.findall(r"`([a-z_0-9/.]+\.py)::(test_\w+)`", row)
+        assert named, row
+        for path, test in named:
+            assert f"\ndef {test}(" in (ROOT / "tests/pipeline" / path).read_text("utf-8"), test
+
+
 def test_no_node_is_asked_for_what_it_may_not_have() -> None:
     asking = [
         name

@@ -214,14 +214,18 @@ def farm_note(turbines: Sequence[str], shown: str, out: Path) -> str:
     )
 
 
+def _or_unknown(count: int | None) -> str:
+    return "unknown" if count is None else str(count)
+
+
 def _print_session(session: Any, source: Any) -> None:
     figures = session.figures
     print_results(session.summary, figures, scenario=source.scenario, layout=source.layout)
     stream, timing = figures["stream"], figures["timing"]
     output.print(
-        f"{stream['published']} blocks published, {stream['recorded']} recorded, "
-        f"{stream['lost']} lost, {stream['recovered']} recovered, {stream['late']} late, "
-        f"{stream['duplicate']} duplicate; "
+        f"{stream['published']} blocks published, {_or_unknown(stream['recorded'])} recorded, "
+        f"{_or_unknown(stream['lost'])} lost, {stream['recovered']} recovered, "
+        f"{stream['late']} late, {stream['duplicate']} duplicate; "
         f"{figures['duration_s']:.0f} s of measurements in {timing['wall_s']:.1f} s"
     )
     output.print("Written: " + ", ".join(str(path) for path in session.files), soft_wrap=True)

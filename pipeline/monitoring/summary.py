@@ -19,6 +19,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.node import Sink
 from pipeline.nodes.sharding import of_kind
+from pipeline.nodes.statistics import heard_blocks
 from pipeline.state.posterior_json import empty_summary, posterior_summary
 from pipeline.state.run_state import RunState
 from pipeline.state.turbine_state import TurbineState
@@ -26,6 +27,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.json_values import Json, known, with_nulls
 
 KEPT_WINDOWS = 5000  # rejections, gaps, posteriors of a live session, each: a month of ten minutes
+BLOCK_NODES = ("recorder", "identification", "viewer")  # that take blocks, or shares of them
 
 _T = TypeVar("_T", StreamGap, WindowRejected)
 
@@ -236,13 +238,24 @@ def stream_figures(state: TurbineState, *, published: int, live: bool = False) -
     return {
         "published": published,
         "recorded": None if recorder is None else recorder.recorded,
-        "lost": max((status.lost for status in takers), default=0),
+        "lost": _lost(state, published),
         "recovered": max((status.recovered for status in takers), default=0),
         "late": max((status.late for status in takers), default=0),
         "duplicate": max((status.duplicate for status in takers), default=0),
         "gaps": len(gaps) + state.gone["gaps"],
         "gap_s": missing_ns / NANOSECONDS,
     }
+
+
+def _lost(state: TurbineState, published: int) -> int | None:
+    """Return how many blocks never came; None instead of 0 while a node has not heard any block."""
+    takers = [status for node, status in state.statuses.items() if node != "source"]
+    lost = max((status.lost for status in takers), default=0)
+    kinds = [[each for each in takers if of_kind(each.node, kind)] for kind in BLOCK_NODES]
+    all_heard = all(any(map(heard_blocks, kind)) for kind in kinds if kind)
+    if lost or not published or (all_heard and any(map(heard_blocks, takers))):
+        return lost
+    return None
 
 
 def _busy(state: TurbineState, node: str) -> float | None:

@@ -112,3 +112,11 @@ class NodeAccount:
 def message_counts(counter: Counter[str]) -> tuple[MessageCount, ...]:
     """The counts as they travel, in alphabetical order."""
     return tuple(MessageCount(name, count) for name, count in sorted(counter.items()))
+
+
+def heard_blocks(status: NodeStatus | None) -> bool:
+    """Whether a node has taken a block, or reports that blocks were lost before they reached it."""
+    name = AccelerationBlock.__name__
+    return status is not None and (
+        status.lost > 0 or any(each.message == name and each.count for each in status.received)
+    )

@@ -256,11 +256,13 @@ def _missing_samples(record: TurbineRecord) -> str:
     if not record.state.published:
         return "The recording holds results only, no samples."
     stream = record.figures["stream"]
+    silent = sum(each["pause_before_s"] for each in record.figures["books"]["units"])
+    pauses = f" Between boots of a unit {span(silent)} have no samples." if silent else ""
     if not stream["gaps"] and not stream["lost"]:
-        return "No sample is missing."
+        return pauses.strip() or "No sample is missing."
     gaps = f"{count_noun(stream['gaps'], 'gap')} in the stream, {span(stream['gap_s'])} in all."
     lost = stream["lost"]
-    return gaps + (f" {count_noun(lost, 'block')} lost between the nodes." if lost else "")
+    return gaps + (f" {count_noun(lost, 'block')} lost between the nodes." if lost else "") + pauses
 
 
 def _modes_headline(record: TurbineRecord) -> str:

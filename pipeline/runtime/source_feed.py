@@ -8,7 +8,7 @@ from functools import partial
 from typing import Protocol
 
 from pipeline.messages import Message, NodeStatus, StreamEnd
-from pipeline.nodes.statistics import message_counts
+from pipeline.nodes.statistics import heard_blocks, message_counts
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.flow_control import Credit, Quiet, is_drained
 from pipeline.runtime.node_thread import STOPPED_WITHIN
@@ -155,15 +155,7 @@ class SourceFeed:
         """Nodes that have not received the first block although its time is over [s, monotonic]."""
         if since is None or time.monotonic() - since < FIRST_BLOCK_TIMEOUT:
             return []
-        return [name for name in takers if not _heard_blocks(self._latest.get(name))]
-
-
-def _heard_blocks(status: NodeStatus | None) -> bool:
-    """Whether a node has taken a block, or reports that blocks were lost before they reached it."""
-    name = AccelerationBlock.__name__
-    return status is not None and (
-        status.lost > 0 or any(each.message == name and each.count for each in status.received)
-    )
+        return [name for name in takers if not heard_blocks(self._latest.get(name))]
 
 
 def source_status(turbine: str, published: Counter[str]) -> NodeStatus:

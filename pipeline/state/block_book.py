@@ -1,13 +1,16 @@
 """What became of the blocks of one boot of one unit: sets of block numbers."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from pipeline.state.phrases import block_numbers
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.boots import NOTABLE_CLOCK_STEP
 from sensors.intervals import Intervals
 from sensors.json_values import Json
 
 REPORTED_WITHIN = 5  # blocks after which missing ones are reported: they may be late
+UnitBoot = tuple[str, str, str, int]  # turbine, unit, session, boot
 
 
 @dataclass(slots=True)
@@ -26,9 +29,16 @@ class BlockBook:
     """Blocks that arrived again."""
     published: int | None = None
     """Blocks that the source says it published; None before its end."""
+    start_ns: int | None = None
+    """Earliest stamp of a block that arrived [ns]."""
+    end_ns: int | None = None
+    """Latest end of one [ns]."""
 
-    def enter(self, number: int, *, unused_before: int) -> None:
+    def enter(self, block: AccelerationBlock, *, unused_before: int) -> None:
         """Enter a block that arrived, and how many numbers its unit passed over before it."""
+        number = block.sequence
+        self.start_ns = min(block.start_ns, self.start_ns or block.start_ns)
+        self.end_ns = max(block.end_ns, self.end_ns or block.end_ns)
         self.unused.add(number - unused_before, number)
         before = len(self.recorded)
         self.recorded.add(number)
@@ -88,3 +98,23 @@ class BlockBook:
             "late": len(self.late),
             "lost": self.lost,
         }
+
+
+def pauses_before(books: Mapping[UnitBoot, BlockBook]) -> dict[UnitBoot, float]:
+    """Return how long a unit was silent before each of its boots, by its stamps [s].
+
+    Before the first, and between boots that follow each other or overlap, it is 0.
+    """
+    spans = [
+        (book.start_ns, book.end_ns, boot)
+        for boot, book in books.items()
+        if book.start_ns is not None and book.end_ns is not None
+    ]
+    ends: dict[tuple[str, str], int] = {}  # of a unit's boots so far
+    found: dict[UnitBoot, float] = {}
+    for start_ns, end_ns, boot in sorted(spans):
+        before_ns = ends.get(boot[:2], start_ns)
+        silence = (start_ns - before_ns) / NANOSECONDS
+        found[boot] = silence if silence > NOTABLE_CLOCK_STEP else 0.0
+        ends[boot[:2]] = max(before_ns, end_ns)
+    return found

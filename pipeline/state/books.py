@@ -22,7 +22,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.state.block_book import BlockBook
+from pipeline.state.block_book import BlockBook, UnitBoot, pauses_before
 from pipeline.state.phrases import block_numbers, codes_in_words, count_noun
 from pipeline.state.turbine_book import TurbineBook, forget_oldest
 from sensors.acquisition.blocks import AccelerationBlock
@@ -32,8 +32,6 @@ from sensors.json_values import Json
 UNBALANCED = 2  # windows that were answered while books do not balance, after which it is an alarm
 WITHOUT_POSTERIOR = 6  # windows that were answered without a posterior, after which it is an alarm
 UPDATING = "updating"  # name of the node, or the beginning of its shares' names
-
-UnitBoot = tuple[str, str, str, int]  # turbine, unit, session, boot
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +107,7 @@ class Books:
         if counter.also and present is not None:  # they were taken for the same once more
             present.repeated -= counter.also
             book.recorded.add(block.sequence - counter.also, block.sequence)
-        book.enter(block.sequence, unused_before=unused)
+        book.enter(block, unused_before=unused)
 
     def _book_at(self, session: tuple[str, str, str], sequence: int, time_ns: int) -> BlockBook:
         """The book of the boot whose block of that number begins at that time, else the present."""
@@ -202,14 +200,16 @@ class Books:
 
     def as_json(self, only: str | None = None) -> Json:
         """The books in figures; names are stable. only: of that turbine."""
-        violations = self.violations(only)
+        violations, pauses = self.violations(only), pauses_before(self._blocks)
         names = ("turbine", "unit", "session", "boot")
         return {
             "balanced": not violations,
             "violations": violations,
             "alarms": [asdict(alarm) for alarm in self.alarms() if only in (None, alarm.turbine)],
             "units": [
-                dict(zip(names, boot, strict=True)) | book.as_json()
+                dict(zip(names, boot, strict=True))
+                | book.as_json()
+                | {"pause_before_s": pauses.get(boot, 0.0)}
                 for boot, book in sorted(self._blocks.items(), key=lambda each: each[0])
                 if book.recorded and only in (None, boot[0])
             ],
@@ -231,10 +231,12 @@ class Books:
         blocks = [book for book in self._blocks.values() if book.recorded]
         books = self._turbines.values()
         refused = sum(self._refused.values(), Counter[str]())
+        silent = sum(pauses_before(self._blocks).values())
+        pauses = f" ({silent:.0f} s without samples between boots)" if silent else ""
         unused = f", {refused.total()} not used ({codes_in_words(refused)})" if refused else ""
         return (
             f"{sum(len(each.recorded) for each in blocks)} blocks of "
-            f"{count_noun(len(blocks), 'boot')} recorded, "
+            f"{count_noun(len(blocks), 'boot')} recorded{pauses}, "
             f"{sum(each.lost for each in blocks)} lost{unused}; "
             f"{sum(each.identified for each in books)} windows identified, "
             f"{sum(each.rejected.total() for each in books)} rejected; "

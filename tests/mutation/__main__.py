@@ -120,7 +120,8 @@ def _run_in(tree: Path, tests: Sequence[str]) -> int:
     os.environ |= {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
     sys.dont_write_bytecode = True
     os.chdir(tree)
-    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", *tests]))
+    # Since pytest 9 a room would else swallow the module that is named before it.
+    return int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--keep-duplicates", *tests]))
 
 
 def tried(tree: Path, name: str, chosen: Sequence[int]) -> dict[str, list[str]]:

@@ -92,6 +92,24 @@ def test_accounts_come_from_the_nodes_themselves() -> None:
     }
 
 
+def test_no_block_is_called_lost_or_not_before_every_node_that_takes_blocks_has_heard_one() -> None:
+    """A bus that delivered nothing ended in "3600 published, None recorded, 0 lost"."""
+    heard = {"AccelerationBlock": 3}
+    summary = SessionSummary("replay:x", "t1")
+    for sequence in range(3):
+        summary.count(block(sequence))
+    summary.handle(status("updating"))
+    assert summary.as_json(wall=1.0)["stream"]["lost"] is None
+    summary.handle(status("recorder", received=heard))
+    assert summary.as_json(wall=1.0)["stream"]["lost"] == 0
+    summary.handle(status("identification-0"))
+    assert summary.as_json(wall=1.0)["stream"]["lost"] is None
+    summary.handle(status("identification-1", received=heard))  # the share with this turbine
+    assert summary.as_json(wall=1.0)["stream"]["lost"] == 0
+    summary.handle(status("viewer", lost=3))
+    assert summary.as_json(wall=1.0)["stream"]["lost"] == 3
+
+
 def test_blocks_of_a_live_session_are_counted_by_hearing_and_once() -> None:
     replayed, live = SessionSummary("replay:x", "t1"), SessionSummary("live", "t1", live=True)
     assert set(live.inputs) - set(replayed.inputs) == {AccelerationBlock}

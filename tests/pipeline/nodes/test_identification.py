@@ -149,6 +149,20 @@ def test_few_lost_seconds_cost_no_window(blocks: list[AccelerationBlock]) -> Non
     assert [warning.code for warning in window.warnings] == ["missing"]
 
 
+def test_one_sample_that_is_no_number_costs_no_window(blocks: list[AccelerationBlock]) -> None:
+    """It rejected ten minutes."""
+    spoilt = blocks[70].samples.copy()
+    spoilt[3, 1] = np.nan
+    said = answers([*blocks[:70], replace(blocks[70], samples=spoilt), *blocks[71:]])
+    assert outline(said) == ["ModalEstimate 0", "ModalEstimate 1", "ModalEstimate 2"]
+    for each, plain in zip(said, answers(blocks), strict=True):
+        assert isinstance(each, ModalEstimate)
+        assert isinstance(plain, ModalEstimate)
+        assert each.modes[0].frequency == pytest.approx(plain.modes[0].frequency, rel=1e-3)
+        codes = {warning.code for warning in each.warnings}
+        assert ("missing" in codes) == (each.window == 1)
+
+
 def test_many_lost_blocks_reject_their_window_and_no_other(
     blocks: list[AccelerationBlock],
 ) -> None:

@@ -19,6 +19,7 @@ from tests.pipeline.oma.conftest import structure
 
 WINDOW = 64.0  # [s]: 40 time blocks of whole samples in every band, shared by the windows
 SETTINGS = OmaSettings(window_duration=WINDOW, hop=WINDOW)
+OVERLAPPING = OmaSettings(window_duration=WINDOW, hop=WINDOW / 2)
 LENGTH = round(WINDOW * RATE)  # [samples]
 
 
@@ -30,22 +31,29 @@ def samples() -> FloatArray:
     return made.astype(np.float32).astype(float)
 
 
-@pytest.mark.parametrize("lost", [range(0), range(5, 7), range(62, 64), range(76, 78)])
+@pytest.mark.parametrize(
+    ("settings", "lost"),
+    [
+        *[(SETTINGS, lost) for lost in (range(0), range(5, 7), range(62, 64), range(76, 78))],
+        (OVERLAPPING, range(0)),
+        (OVERLAPPING, range(76, 78)),  # what is shared begins again with the next hop
+    ],
+)
 def test_a_window_after_a_gap_is_identified_from_its_own_samples_alone(
-    samples: FloatArray, lost: range
+    samples: FloatArray, settings: OmaSettings, lost: range
 ) -> None:
     """
-    |—— 0 ——|—▒ 1 ——|—— 2 ——|     window 2 as if it were all there is
+    |—— 0 ——|—▒ 1 ——|—— 2 ——|     the last window as if it were all there is
     """
-    node = IdentificationNode(SETTINGS)
+    node = IdentificationNode(settings)
     said = list(node.handle(LAYOUT))
     for block in cut(samples):
         if block.sequence not in lost:
             said += node.handle(block)
     estimate = [each for each in said if isinstance(each, ModalEstimate)][-1]
-    assert estimate.window == 2
+    assert estimate.window == 2 * WINDOW / settings.hop
     alone = identify(
-        samples[2 * LENGTH :], RATE, SETTINGS, channel_names=LAYOUT.channel_names
+        samples[2 * LENGTH :], RATE, settings, channel_names=LAYOUT.channel_names
     ).modes
     assert [m.frequency for m in estimate.modes] == pytest.approx(
         [m.frequency for m in alone], rel=1e-6
@@ -82,9 +90,6 @@ class Cost:
     def __call__(self) -> float:
         self.now += self.seconds
         return self.now
-
-
-OVERLAPPING = OmaSettings(window_duration=WINDOW, hop=WINDOW / 2)
 
 
 @pytest.mark.parametrize("settings", [SETTINGS, OVERLAPPING])

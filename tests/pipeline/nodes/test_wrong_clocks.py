@@ -71,6 +71,14 @@ def test_stamps_of_2036_at_boot_cost_the_windows_that_hold_the_step(blocks, bloc
     assert fates(said).count("") == 5 - (blocks_before % WINDOW > 0)
 
 
+@pytest.mark.parametrize("size", [-7200.0, -1800.0, 12 * YEAR])
+def test_a_replay_answers_windows_as_the_live_run_did_whatever_the_clock_did(blocks, size) -> None:
+    """A replay that sorted by stamps called the blocks before a step back late."""
+    live = [LAYOUT, *stamped(blocks, lambda k: size * (k >= 70))]
+    again = answers(drift.replayed(live))
+    assert [encode(each) for each in again] == [encode(each) for each in answers(live)]
+
+
 def test_seconds_that_are_missing_by_the_stamps_are_not_trusted(blocks) -> None:
     """Every tenth second is missing; nothing but the stamps shows it."""
     said = answers([LAYOUT, *stamped(blocks, lambda k: k // 9)])

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from pipeline.messages import RefusedMode
+from pipeline.messages import Mode, RefusedMode
 from pipeline.oma import band_merging
-from pipeline.oma.identification import identify
+from pipeline.oma.identification import identify, why_refused
+from pipeline.oma.settings import OmaSettings
 from tests.benchmarks.close_modes import pair
 
 
@@ -46,3 +47,15 @@ def test_a_column_that_two_bands_see_is_named_once_by_the_band_with_more_of_its_
     monkeypatch.setattr(band_merging, "_columns", lambda band, _: columns[band])
     found = band_merging.unstable(["fast", "slow"], (), ())
     assert [(each.frequency, each.text) for each in found] == [(1.001, "slow"), (3.0, "fast")]
+
+
+@pytest.mark.parametrize(("half_bandwidths", "code"), [(2.5, None), (3.5, "mixture")])
+def test_a_vague_shape_is_a_mixture_only_where_the_window_resolves_the_resonance(
+    half_bandwidths: float, code: str | None
+) -> None:
+    """Below ζ f T = 3 the window does not resolve the resonance of the mode itself."""
+    columns = np.zeros((4, 1))
+    columns[:, 0] = [1e-3, 1e-4, 0.0, 2 * OmaSettings().maximum_shape_std]
+    mode = Mode("", 1.0, 1e-3, 0.01, 1e-4, np.array([1.0, 0.5]), columns, 1)
+    refused = why_refused(mode, half_bandwidths / 0.01, OmaSettings())
+    assert (refused and refused[0]) == code

@@ -11,6 +11,7 @@ import pytest
 
 from pipeline.messages import Message, MessageCount, NodeStatus, StreamEnd
 from pipeline.nodes.node import Node, NodeStatistics
+from pipeline.nodes.statistics import heard_blocks
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.node_thread import DRAINED_WITHIN, STOPPED_WITHIN, NodeThread, serve
 from pipeline.runtime.runner import (
@@ -20,7 +21,7 @@ from pipeline.runtime.runner import (
     run_lock_step,
     run_workers,
 )
-from pipeline.runtime.source_feed import _heard_blocks, with_end
+from pipeline.runtime.source_feed import with_end
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block as acceleration_block
 from tests.pipeline.example_messages import status as example_status
@@ -288,8 +289,8 @@ def test_a_layout_is_no_first_block(
     received: tuple[MessageCount, ...], lost: int, heard: bool
 ) -> None:
     status = replace(example_status("recorder"), received=received, lost=lost)
-    assert _heard_blocks(status) is heard
-    assert not _heard_blocks(None)
+    assert heard_blocks(status) is heard
+    assert not heard_blocks(None)
 
 
 def test_the_recorder_has_time_left_when_the_nodes_before_it_have_ended() -> None:

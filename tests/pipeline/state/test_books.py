@@ -150,6 +150,28 @@ def test_boots_under_one_name_have_books_of_their_own() -> None:
     assert not books.violations()
 
 
+@pytest.mark.parametrize("session", ["session-1", "session-2"])
+def test_time_without_samples_between_boots_is_in_the_books(session: str) -> None:
+    """200 s between two boots of a unit were nowhere: no gap, no loss."""
+
+    def again(silent: int, unit: str = "tower"):
+        later = [(block(k), block(30 + silent + k).start_ns) for k in range(20)]
+        return [replace(b, session=session, start_ns=ns, unit=unit) for b, ns in later]
+
+    first = [block(k) for k in range(30)]
+    books = books_of(*first, *again(200), *again(300, "nacelle"))
+    pauses = {
+        (u["unit"], u["session"], u["boot"]): u["pause_before_s"]
+        for u in (books.as_json()["units"])
+    }
+    second = ("tower", session, int(session == "session-1"))
+    assert pauses.pop(second) == pytest.approx(200.0)
+    assert set(pauses.values()) == {0.0}
+    assert "of 3 boots recorded (200 s without samples between boots)" in books.line
+    joined = books_of(*first, *again(0))
+    assert "without samples" not in joined.line
+
+
 def test_an_estimate_is_forgotten_when_two_later_ones_are_answered() -> None:
     """One may have been overtaken; of two the updating has lost the estimate."""
     answered = [identified(k) for k in range(3)]

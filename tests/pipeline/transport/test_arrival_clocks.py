@@ -39,6 +39,16 @@ def test_a_clock_that_is_right_within_seconds_is_not_warned_of() -> None:
     assert warned(4.0) == warned(-4.0) == warned(0.0, delay=3.0) == []
 
 
+@pytest.mark.parametrize(("minutes", "named"), [(60, False), (90, True)])
+def test_a_rate_that_no_stamp_shows_is_named_once_the_clock_is_off(minutes, named) -> None:
+    """A converter at 1000 ppm less than it states, stamps counted from its samples."""
+    clocks = ArrivalClocks()
+    for number in range(60 * minutes - 40, 60 * minutes):
+        sent = block(number)
+        clocks.note(sent, sent.end_ns + round(1e-3 * number * SECOND))
+    assert [each.code for each in clocks.warnings] == ["clock-off"] * named
+
+
 def test_a_backlog_after_a_cut_is_no_wrong_clock() -> None:
     assert warned(0.0, delay=86400.0, pace=20.0) == []
 

@@ -1,6 +1,5 @@
 """A block that cannot be of its session changes nothing; a unit that has begun anew is followed."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -308,12 +307,13 @@ def test_limits_are_keys_of_a_scenario() -> None:
 # ---- a boot that changes, and two devices under one name ----------------------------------------
 
 
-@pytest.fixture(scope="module")
-def digests() -> Iterator[None]:
-    """Windows that cost nothing: what is asked is which samples they have."""
-    with pytest.MonkeyPatch.context() as patch:
-        identify_by_digests(patch.setattr)
-        yield
+@pytest.fixture
+def digests(identified_once: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows that cost nothing: what is asked is which samples they have.
+
+    In place of what `identified_once` puts there, whichever test of the module comes first.
+    """
+    identify_by_digests(monkeypatch.setattr)
 
 
 def kept_books(heard: list[Message]) -> tuple[Books, list[ModalEstimate | WindowRejected]]:
