@@ -181,12 +181,12 @@ class Curvature:
     def along(self, directions: FloatArray) -> "Curvature":
         """The same along directions of the modes' parameters."""
         n = self.n_modal
-        of_noise = len(self.gradient) - n
-        every = np.zeros((len(self.gradient), directions.shape[1] + of_noise))
-        every[:n, : directions.shape[1]] = directions
-        every[n:, directions.shape[1] :] = np.eye(of_noise)
+        across = directions.T @ self.information[:n, n:]
+        inner = directions.T @ self.information[:n, :n] @ directions
         return Curvature(
-            every.T @ self.gradient, every.T @ self.information @ every, directions.shape[1]
+            np.concatenate([directions.T @ self.gradient[:n], self.gradient[n:]]),
+            np.block([[inner, across], [across.T, self.information[n:, n:]]]),
+            directions.shape[1],
         )
 
     def of_modes(self) -> FloatArray:
