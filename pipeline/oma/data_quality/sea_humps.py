@@ -24,12 +24,15 @@ from sensors.arrays import FloatArray, IntArray
 
 SLOWEST, FASTEST = 0.04, 0.2  # frequencies of a sea's peak [Hz]
 NARROWEST = 1.5  # half bandwidth of what may be a hump [lines]
-LOW, HIGH = 0.4, 1.7  # of the frequency, between which lines are compared
+PLACE_STD = 0.05  # of the ln of what a model has for a frequency over the identified one [-]
+LOW, HIGH = 0.6, 1.7  # of the frequency, between which lines are compared
 CLEAR_WIDTHS, CLEAR_LINES = 5.0, 4.0  # between these lines and another mode
 FEWEST_LINES_OF_HUMP = 15
+LOWER_FLANK = 0.8  # of the frequency, down to which lines must reach: there a sea has no power
 SURE = 1.0  # ln of the ratio of a sea to a resonance from which a mode is none [nats]
-POSSIBLE = -4.0  # and from which a warning says that it may be none [nats]: of 16 simulated humps
-# (γ 1 to 5) it was −1 to 7, of 32 first modes of .5 to 8 % damping beside a sea −62 to −8
+POSSIBLE = -3.0  # and from which a warning says that it may be none [nats]: of 28 simulated humps
+# (`sea_humps`, seeds 203300 to 203480) it was −1 to 12, of 80 first modes of 2 to 8 % damping
+# beside such a sea below −1
 MODAL_COLOUR, SEA_COLOUR = (3.0, 2.0), (2.0, 2.0)  # mean and std of c: white to red forces on
 # accelerations; from displacements or tilt (0) to accelerations (4)
 DAMPING = (np.log(0.02), 1.2)  # mean and std of ln ζ
@@ -131,7 +134,7 @@ def sea_evidence(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -
         else:
             low = max(low, each.frequency + _clear(each, T))
     band = spectrum.band(low, high)
-    if len(band.numbers) < FEWEST_LINES_OF_HUMP:
+    if low > LOWER_FLANK * mode.frequency or len(band.numbers) < FEWEST_LINES_OF_HUMP:
         return None
     shape = mode.shape / band.accelerations(mode.frequency)
     row = shape / (shape @ shape)
@@ -190,7 +193,9 @@ def _least_cost(
         expected = np.exp(level + c * slope) * model(relative, place, form)
         expected = expected + np.exp(background) + np.exp(flank) * beside
         lines = float(np.sum(np.log(expected) + powers / expected))
-        known = ((form - mean) / std) ** 2 + ((c - colour) / colour_std) ** 2 + (place / 0.2) ** 2
+        known = (
+            ((form - mean) / std) ** 2 + ((c - colour) / colour_std) ** 2 + (place / PLACE_STD) ** 2
+        )
         return lines + 0.5 * float(known) + 0.005 * float((background - np.log(floor)) ** 2)
 
     top = float(np.log(np.quantile(powers, 0.9)))
@@ -200,7 +205,7 @@ def _least_cost(
         x = np.array([top - at, 0.0, float(start), colour, np.log(floor), np.log(floor)])
         bounds = [
             (None, None),
-            (-0.4, 0.4),
+            (-3 * PLACE_STD, 3 * PLACE_STD),
             (mean - 3 * std, mean + 3 * std),
             (-4, 8),
             (np.log(floor) - 8, top + 2),
