@@ -28,6 +28,7 @@ from pipeline.oma.data_quality.input_checks import (
     mended,
 )
 from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
+from pipeline.oma.data_quality.sea_humps import without_sea_humps
 from pipeline.oma.preprocessing import decimated, filled, on_even_grid, without_offset
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (
@@ -219,11 +220,12 @@ def concluded(
     found = told_apart([*by_lines.modes, *pairs], len(steady) / sampling_rate)
     reasons = [*by_lines.refused, *found.refused, *map(harmonic, judged.harmonics)]
     reasons += unstable(by_band, found.modes, reasons)
+    structural = without_sea_humps(found.modes, steady, sampling_rate, integrations)
     return Identification(
-        found.modes,
-        tuple(warnings),
+        structural.modes,
+        (*warnings, *structural.warnings),
         diagrams=tuple(band.poles for band in by_band),
-        refused=tuple(sorted(reasons, key=lambda each: each.frequency)),
+        refused=tuple(sorted([*reasons, *structural.refused], key=lambda each: each.frequency)),
     )
 
 
