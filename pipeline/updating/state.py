@@ -34,6 +34,7 @@ class UpdatingState:
     sensitivities: tuple[TrackSensitivity, ...] = ()  # of the last posterior's pairs
     joint: tuple[WarmStart, ...] = ()  # of each alternative of an uncertain structure, best first
     sensor_fault: str = ""  # name of the one that the last posterior found
+    searched_windows: int = 0  # in the evidence when faults were last looked for in vain
     reference: ModalEvidence | None = None  # of the windows before the last event
     reference_ns: int = 0  # start of the last of them
     before_event: BeforeEvent | None = None  # by which the last event's size is revised

@@ -280,6 +280,7 @@ class FoundationUpdater:
             guards=self.settings.guards,
             reference=state.reference,
             last_fault=state.sensor_fault,
+            searched_windows=state.searched_windows,
         )
         if found is None:
             raise without_partner(len(state.evidence.modes))
@@ -302,6 +303,7 @@ class FoundationUpdater:
             sensitivities=_joint_sensitivities(found, mode_labels(found, model)),
             joint=found.warm_starts,
             sensor_fault="" if found.fault is None else found.fault.name,
+            searched_windows=found.searched_windows,
         )
         change = self._change_probability(after, estimate.duration)
         return after, replace(

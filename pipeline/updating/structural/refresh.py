@@ -48,6 +48,8 @@ WIDENING = 1.0  # of the joint Gaussian; 1: on tuning seeds its intervals held .
 TOLERANCES = (FINEST_TOLERANCE, 0.015, 0.03)
 LEVEL_ROUNDS = 2  # of taking the known water levels out of the windows
 LEVEL_TOLERANCE = 0.008  # of the pairing before [-]
+SEARCH_GROWTH = 1.25  # of the windows, at which faults are looked for again after none explained
+# the evidence: the search costs several times what the rest of a refresh does [-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +72,9 @@ class JointRefresh:
     """A sensor that is not as its layout states; the posterior takes it into account."""
     refusal: QualityWarning | None = None
     """Why these modes are not this structure's, at any tolerance."""
+    searched_windows: int = 0
+    """In the evidence when faults of sensors were last looked for in vain; 0: they explain it, or
+    nothing calls for one."""
 
     @property
     def best(self) -> FittedAlternative:
@@ -106,6 +111,7 @@ def joint_refresh(
     guards: AcceptanceSettings | None = None,
     reference: ModalEvidence | None = None,
     last_fault: str = "",
+    searched_windows: int = 0,
 ) -> JointRefresh | None:
     """The joint posterior; None where no mode can be compared with any structure.
 
@@ -114,12 +120,15 @@ def joint_refresh(
     guards      thresholds beyond which the modes are not this structure's
     reference   evidence of a period to compare with
     last_fault  name of the sensor's fault that the last refresh found
+    searched_windows   in the evidence when faults were last looked for in vain
     """
     guards = guards or AcceptanceSettings()
     level_std = _level_std(inference, measured)
-    tried = _tried(inference, measured, warm, guards, last_fault)
+    searches = not searched_windows <= measured.n_windows < SEARCH_GROWTH * searched_windows
+    tried = _tried(inference, measured, warm, guards, last_fault, searches=searches)
     if tried is None:
         return None
+    in_vain = tried.fault is None and (tried.suspicious or tried.explains_little(guards))
     result, evidence, best = tried.result, tried.evidence, tried.result.best
     coordinates = best.fit.coordinates
     u, sigma = result.draws(N_DRAWS, generator, widening=WIDENING)
@@ -145,6 +154,9 @@ def joint_refresh(
         relative=relative,
         fault=tried.fault,
         refusal=tried.refusal(guards),
+        searched_windows=(
+            0 if not in_vain else measured.n_windows if searches else searched_windows
+        ),
     )
 
 
@@ -192,28 +204,32 @@ def _tried(
     warm: Sequence[WarmStart],
     guards: AcceptanceSettings,
     last_fault: str,
+    *,
+    searches: bool,
 ) -> _Attempt | None:
     """The narrowest tolerance at which enough modes have a partner, or a fault of the sensors says
-    why not; else the one at which most have; None where nothing can be compared."""
+    why not; else the one at which most have; None where nothing can be compared.
+
+    searches   whether faults are looked for beside the one that the last refresh found
+    """
     level_std = _level_std(inference, measured)
     known = _with_fault_named(inference, measured, warm, level_std=level_std, name=last_fault)
     if known is not None and known.paired_share >= guards.paired_share:
         return known
     first = min((each.tolerance for each in warm), default=FINEST_TOLERANCE)
     most: _Attempt | None = None
-    searched = False
     for tolerance in (each for each in TOLERANCES if each >= first):
         fitted = _fitted(inference, measured, warm, level_std=level_std, tolerance=tolerance)
         if fitted is None:
             continue
         attempt = _Attempt(*fitted)
-        if not attempt.fits_nothing(guards) and attempt.suspicious:
+        if searches and not attempt.fits_nothing(guards) and attempt.suspicious:
             attempt = _with_sensor_fault(
                 inference, measured, attempt, level_std=level_std, last=last_fault
             )
-        if attempt.fault is None and attempt.explains_little(guards) and not searched:
+        if searches and attempt.fault is None and attempt.explains_little(guards):
             attempt = _with_likely_fault(inference, measured, attempt, level_std=level_std)
-            searched = True
+            searches = False
         if attempt.fault is not None or attempt.paired_share >= guards.paired_share:
             return attempt
         if most is None or attempt.rank(guards) > most.rank(guards):

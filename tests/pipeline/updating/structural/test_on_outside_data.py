@@ -226,8 +226,11 @@ def test_the_errors_of_a_description_that_does_not_hold_cancel_too(
     assert np.abs((found.relative.mean - np.log(factor)) / stds).max() < 2.5
 
 
-def test_a_rough_description_gives_a_wide_interval_and_says_so() -> None:
-    """Every frequency off by up to a percent and more, as by no figure: an answer, no refusal."""
+def test_a_rough_description_gives_a_wide_interval_and_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Every frequency off by up to a percent and more, as by no figure: an answer, no refusal, and
+    no second search for a sensor's fault before there is a quarter more to judge by."""
     one = replace(UNCERTAIN, stds=(("flooding", 0.0), ("blade_model", 0.0)))
     inference = joint_inference(TURBINE, LAYOUT, replace(SETTINGS, structure=one), seed=1)
     assert inference is not None
@@ -251,6 +254,15 @@ def test_a_rough_description_gives_a_wide_interval_and_says_so() -> None:
     low, high = np.quantile(found.draws[:, :3] * NOMINAL / truth.theta, [0.05, 0.95], axis=0)
     assert np.all((low < 1) & (high > 1))
     assert np.all(high / low > 1.3)
+
+    assert found.searched_windows == evidence.n_windows
+    for search in ("sensor_fault", "likely_faults"):
+        monkeypatch.setattr(refresh, search, lambda *_, **__: pytest.fail("searched again"))
+    again = joint_refresh(
+        inference, evidence, found.warm_starts, rng, searched_windows=found.searched_windows
+    )
+    assert again is not None
+    assert again.searched_windows == found.searched_windows
 
 
 @pytest.mark.nightly
