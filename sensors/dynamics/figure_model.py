@@ -31,7 +31,7 @@ from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import BY_NAME
 from sensors.structure.foundation import positive_definite
-from sensors.structure.placed_readings import Motion, MovableReadings, PlacedReadings, Placement
+from sensors.structure.placed_readings import MovableReadings, PlacedReadings, Placement
 from sensors.structure.structural_model import StructuralModel
 
 BladeMesh = Literal["described", "converged"]
@@ -190,57 +190,35 @@ class FigureModel:
 
     # ---- many points -----------------------------------------------------------------------
 
-    def modes(
-        self,
-        theta: FloatArray,
-        departures: FloatArray,
-        levels: FloatArray,
-        placement: Placement | None = None,
-    ) -> FigureModes:
+    def modes(self, theta: FloatArray, departures: FloatArray, levels: FloatArray) -> FigureModes:
         """The visible modes at many points.
 
         theta        θ, (n, 3) [N/m, N·m/rad, N/rad]
         departures   (n, q) of the figures, in their units
         levels       (n,) of the water above the description's [m]
-        placement    where the sensors are; None: as the layout states
         """
-        (found,) = self.modes_at(theta, departures, levels, [placement])
-        return found
-
-    def modes_at(
-        self,
-        theta: FloatArray,
-        departures: FloatArray,
-        levels: FloatArray,
-        placements: Sequence[Placement | None],
-    ) -> list[FigureModes]:
-        """The same for several placements of the sensors, the structures solved once."""
         admissible = positive_definite(theta)
-        stated = Placement.as_stated(len(self.layout.channels))
-        parts = []
-        for group in self._groups:
-            motions = [group.readings.at(each or stated).motion for each in placements]
-            parts.append(self._solved(group, motions, theta, departures, levels, admissible))
+        parts = [
+            self._solved(group, theta, departures, levels, admissible) for group in self._groups
+        ]
         squares = np.concatenate([squares for squares, _ in parts], axis=1)
-        readings = np.concatenate([readings for _, readings in parts], axis=2)
+        readings = np.concatenate([readings for _, readings in parts], axis=1)
         admissible &= np.isfinite(squares).any(axis=1)
-        return [self._visible(squares, each, admissible) for each in readings]
+        return self._visible(squares, readings, admissible)
 
     def _solved(
         self,
         group: FigureGroup,
-        motions: Sequence[Motion],
         theta: FloatArray,
         departures: FloatArray,
         levels: FloatArray,
         admissible: NDArray[np.bool_],
     ) -> tuple[FloatArray, FloatArray]:
-        """λ, (n, m), NaN where there is no such mode, and what is read of each motion,
-        (n_motions, n, m, c)."""
+        """λ, (n, m), NaN where there is no such mode, and displacement and tilt read, (n, m, c)."""
         n, size = len(theta), group.basis.shape[1]
         highest = (2 * np.pi * self.highest_frequency) ** 2
         squares = np.full((n, size), np.nan)
-        readings = np.zeros((len(motions), n, size, len(self.layout.channels)))
+        readings = np.zeros((n, size, len(self.layout.channels)))
         for row in np.flatnonzero(admissible):
             K, M = self._matrices(group, theta[row], departures[row], float(levels[row]))
             try:
@@ -252,9 +230,7 @@ class FigureModel:
                 continue
             kept = int(np.searchsorted(values, highest))
             squares[row, :kept] = values[:kept]
-            V = vectors[:, :kept]
-            for number, motion in enumerate(motions):
-                readings[number, row, :kept] = motion.read(V, values[:kept])
+            readings[row, :kept] = group.readings.stated.read(vectors[:, :kept], values[:kept])
         return squares, readings
 
     def _visible(

@@ -195,9 +195,6 @@ class JointFit(JointModel):
         drawn = FigureModes(
             whole.frequencies[::every], whole.shapes[::every], whole.admissible[::every]
         )
-        return self._bounds_of(targets, drawn)
-
-    def _bounds_of(self, targets: PairingTargets, drawn: FigureModes) -> FloatArray:
         costs = pairing_costs(targets, drawn, ANNEALING[0][2], self._pairing.mac_scale)
         bounds = np.minimum(costs.min(axis=2), self._pairing.rejection) @ targets.weights
         return np.asarray(bounds)
@@ -205,15 +202,6 @@ class JointFit(JointModel):
     def pairing_bound(self, evidence: ModalEvidence) -> float:
         """The lowest pairing cost of some drawn structures, for a rough comparison of evidence."""
         return float(self._bounds(self.targets(evidence), every=ROUGHLY).min())
-
-    def pairing_bounds_at(
-        self, evidence: ModalEvidence, sensors: Sequence[FloatArray]
-    ) -> list[float]:
-        """The same for sensors with other figures, (r,) each in prior standard deviations."""
-        c, u, targets = self.coordinates, self._draws[::ROUGHLY], self.targets(evidence)
-        places = [self.sensors.placement(z) for z in sensors]
-        drawn = self.model.modes_at(c.springs(u), c.departures(u), c.level(u), places)
-        return [float(self._bounds_of(targets, each).min()) for each in drawn]
 
     # ---- one descent -----------------------------------------------------------------------
 

@@ -30,8 +30,9 @@ from pipeline.updating.structural.sensors.faults import (
     LOST_PAIRS,
     SUSPICIOUS_COST,
     SensorFault,
+    far_off_sensors,
     fault_named,
-    likely_faults,
+    likely_wirings,
     sensor_fault,
     still_explained,
     suspicious,
@@ -128,7 +129,7 @@ def joint_refresh(
     tried = _tried(inference, measured, warm, guards, last_fault, searches=searches)
     if tried is None:
         return None
-    in_vain = tried.fault is None and (tried.suspicious or tried.explains_little(guards))
+    in_vain = tried.fault is None and tried.calls_for_a_fault(guards)
     result, evidence, best = tried.result, tried.evidence, tried.result.best
     coordinates = best.fit.coordinates
     u, sigma = result.draws(N_DRAWS, generator, widening=WIDENING)
@@ -183,10 +184,9 @@ class _Attempt:
         """Whether modes find no partners: only wrong cables or another description explain it."""
         return self.result.best.fit.is_rough or self.refusal(guards) is not None
 
-    def explains_little(self, guards: AcceptanceSettings) -> bool:
-        """Whether all structures may be wrong because the shapes are."""
-        peak = self.result.best.peak
-        return self.fits_nothing(guards) or peak.relative_cost > LARGEST_COST
+    def calls_for_a_fault(self, guards: AcceptanceSettings) -> bool:
+        """Whether something is wrong that a sensor's fault may explain."""
+        return self.suspicious or self.fits_nothing(guards)
 
     def refusal(self, guards: AcceptanceSettings) -> QualityWarning | None:
         """Why the modes are not this structure's."""
@@ -223,12 +223,10 @@ def _tried(
         if fitted is None:
             continue
         attempt = _Attempt(*fitted)
-        if searches and not attempt.fits_nothing(guards) and attempt.suspicious:
-            attempt = _with_sensor_fault(
-                inference, measured, attempt, level_std=level_std, last=last_fault
+        if searches and attempt.calls_for_a_fault(guards):
+            attempt = _with_a_fault(
+                inference, measured, attempt, guards, level_std=level_std, last=last_fault
             )
-        if searches and attempt.fault is None and attempt.explains_little(guards):
-            attempt = _with_likely_fault(inference, measured, attempt, level_std=level_std)
             searches = False
         if attempt.fault is not None or attempt.paired_share >= guards.paired_share:
             return attempt
@@ -302,19 +300,51 @@ def _fitted(
     return result, evidence
 
 
-def _with_likely_fault(
-    inference: JointInference, measured: ModalEvidence, attempt: _Attempt, *, level_std: float
+def _with_a_fault(
+    inference: JointInference,
+    measured: ModalEvidence,
+    attempt: _Attempt,
+    guards: AcceptanceSettings,
+    *,
+    level_std: float,
+    last: str,
 ) -> _Attempt:
-    """The attempt with the fault that lets most modes find their partners; as it was for none.
+    """The attempt with the fault of a sensor that explains most; as it was for none.
 
-    Every alternative is fitted anew: which was best with wrong shapes tells nothing.
+    First wrong cables, which no fit is needed to tell; then what fits best from the peak; then a
+    sensor metres away, with which every alternative is fitted anew.
     """
     fine = attempt.result.best.fit.with_tolerance(FINEST_TOLERANCE)
+    wirings = [(fault.name, 0.0) for fault in likely_wirings(fine, attempt.evidence)]
+    found = _with_likely_fault(inference, measured, attempt, wirings, level_std=level_std)
+    if found.fault is None and not attempt.fits_nothing(guards):
+        found = _with_sensor_fault(inference, measured, attempt, level_std=level_std, last=last)
+    peak = attempt.result.best.peak
+    if found.fault is None and (attempt.fits_nothing(guards) or peak.relative_cost > LARGEST_COST):
+        sensors = [(fault.name, size) for fault, size in far_off_sensors(fine, attempt.evidence)]
+        found = _with_likely_fault(inference, measured, attempt, sensors, level_std=level_std)
+    return found
+
+
+def _with_likely_fault(
+    inference: JointInference,
+    measured: ModalEvidence,
+    attempt: _Attempt,
+    faults: Sequence[tuple[str, float]],
+    *,
+    level_std: float,
+) -> _Attempt:
+    """The attempt with the first of some faults that explains the evidence, else with that which
+    explains most; as it was for none.
+
+    Every alternative is fitted anew: which was best with wrong shapes tells nothing.
+
+    faults   names, and sizes in prior standard deviations
+    """
     best: _Attempt | None = None
-    for fault in likely_faults(fine, attempt.evidence):
-        size = 0.0 if fault.place is None else float(fault.fit.coordinates.origin[fault.place])
+    for name, size in faults:
         found = _with_fault_named(
-            inference, measured, (), level_std=level_std, name=fault.name, size=size
+            inference, measured, (), level_std=level_std, name=name, size=size
         )
         if found is None or found.paired_share <= attempt.paired_share - LOST_PAIRS:
             continue

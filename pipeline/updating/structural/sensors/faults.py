@@ -13,13 +13,17 @@ from itertools import chain, combinations
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import JointFit
+from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit
 from pipeline.updating.structural.joint_model import JointPeak
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
 WIDE = {"gain": 40.0, "heading": 30.0, "height": 60.0}  # factor on the prior's std of a fault
 EXCHANGES_TRIED = 3  # of channels, those that pair the modes best
+MUCH_NEARER = 0.7  # of the pairing cost as it is, below which wrong cables are likely: flips and
+# swaps leave .07 to .6 of it, other faults .9 and more
+FAR_OFF_TRIED = 3  # sensors metres off, with every alternative
+FIGURES_TRIED = 5  # of sensors, those whose freedom promises most where the fit ended
 CORRECTIONS_TRIED = 4  # flips and swaps, those that fit best where the fit without a fault ended
 LEAST_DROP = 25.0  # of the cost: 12 nats against some sixty faults tried
 LARGEST_COST = 2.5  # per degree of freedom with the fault: above, the structure is another one
@@ -80,7 +84,7 @@ def sensor_fault(
     last   name of the fault that the last refresh found: while it explains the data, no other is
            looked for
     """
-    figures, corrections = list(_wrong_figures(fit)), list(_wrong_cables(fit))
+    figures, corrections = _likeliest_figures(fit, peak), list(_wrong_cables(fit))
     known = fault_named(last, fit)
     found = _best_of([known] if known else [], evidence, peak)
     if found is None:
@@ -117,15 +121,26 @@ def still_explained(
     return replace(fault, text=text) if text else None
 
 
-def likely_faults(fit: JointFit, evidence: ModalEvidence) -> list[SensorFault]:
-    """Sensors swapped or far from their heights, a channel flipped or two exchanged, with which
-    modes find much nearer partners among drawn structures, the nearest first; none where none is
-    much nearer."""
-    displaced = _displaced(fit)
-    bounds = fit.pairing_bounds_at(evidence, [fit.coordinates.sensors(u) for _, u in displaced])
-    rated = [(bound, fault) for bound, (fault, _) in zip(bounds, displaced, strict=True)]
-    rated += _rated([*_wrong_cables(fit), *_exchanges(fit)], fit, evidence)
-    return _nearest(rated, fit, evidence)
+def likely_wirings(fit: JointFit, evidence: ModalEvidence) -> list[SensorFault]:
+    """Sensors swapped, a channel flipped or two exchanged, with which modes find much nearer
+    partners among drawn structures, the nearest first; none where none is much nearer."""
+    return _best_paired([*_wrong_cables(fit), *_exchanges(fit)], fit, evidence, MUCH_NEARER)
+
+
+def far_off_sensors(fit: JointFit, evidence: ModalEvidence) -> list[tuple[SensorFault, float]]:
+    """Sensors metres off, with their sizes in prior standard deviations, the likeliest first, by
+    short descents from the prior's own starts: to be tried where no peak is near."""
+    found: list[tuple[float, SensorFault, float]] = []
+    for number, figure in enumerate(fit.sensors.figures):
+        ends = []
+        for size in (each / figure.std for each in STARTS[figure.kind] if each):
+            fault = list(_wrong_figures(fit, size))[number]
+            end = fault.fit.best(evidence, most_starts=FEW_STARTS)
+            if end is not None and fault.place is not None:
+                ends.append((end.excess, fault, float(end.u[fault.place])))
+        found += sorted(ends, key=lambda each: each[0])[:1]
+    found.sort(key=lambda each: each[0])
+    return [(fault, size) for _, fault, size in found[:FAR_OFF_TRIED]]
 
 
 def _best_of(
@@ -213,35 +228,33 @@ def _exchanges(fit: JointFit) -> Iterator[SensorFault]:
         yield SensorFault(name, text, fit, tuple(order), (1.0,) * n)
 
 
-def _displaced(fit: JointFit) -> list[tuple[SensorFault, FloatArray]]:
-    """Each sensor far below or above where it is stated, and the prior's mean with it there."""
-    found = []
-    for number, figure in enumerate(fit.sensors.figures):
-        for size in (each / figure.std for each in STARTS[figure.kind] if each):
-            fault = list(_wrong_figures(fit, size))[number]
-            found.append((fault, fault.fit.coordinates.origin))
-    return found
+def _likeliest_figures(fit: JointFit, peak: JointPeak) -> list[SensorFault]:
+    """The figures whose freedom would lower the cost by most, as the curvature at a peak says.
+
+    With h the posterior's variance of a figure that lies z from its prior's mean, in prior standard
+    deviations, a flat prior of it lowers the cost by z² h / (1 − h).
+    """
+    faults = list(_wrong_figures(fit))
+    first = fit.coordinates.n_dim - len(faults)
+    places = np.arange(first, fit.coordinates.n_dim)
+    D, J = fit.variances(peak.comparison, 0.0), peak.comparison.jacobian
+    covariance = np.linalg.inv((J.T / D) @ J + fit.coordinates.prior_precision)
+    variances = np.minimum(np.diag(covariance)[places], 1 - 1e-6)
+    drops = (peak.u - fit.coordinates.origin)[places] ** 2 * variances / (1 - variances)
+    return [faults[number] for number in np.argsort(-drops)[:FIGURES_TRIED]]
 
 
 def _best_paired(
-    faults: Iterable[SensorFault], fit: JointFit, evidence: ModalEvidence
+    faults: Iterable[SensorFault], fit: JointFit, evidence: ModalEvidence, share: float = 1.0
 ) -> list[SensorFault]:
-    """Those with which modes find nearer partners among drawn structures, the nearest first."""
-    return _nearest(_rated(faults, fit, evidence), fit, evidence)
+    """Those with which modes find nearer partners among drawn structures, the nearest first.
 
-
-def _rated(
-    faults: Iterable[SensorFault], fit: JointFit, evidence: ModalEvidence
-) -> list[tuple[float, SensorFault]]:
-    return [(fit.pairing_bound(each.corrected(evidence)), each) for each in faults]
-
-
-def _nearest(
-    rated: Iterable[tuple[float, SensorFault]], fit: JointFit, evidence: ModalEvidence
-) -> list[SensorFault]:
+    share   of the pairing cost as it is, below which that is so
+    """
     as_it_is = fit.pairing_bound(evidence)
-    better = sorted((each for each in rated if each[0] < as_it_is), key=lambda each: each[0])
-    return [fault for _, fault in better][:EXCHANGES_TRIED]
+    bounds = [(fit.pairing_bound(each.corrected(evidence)), each) for each in faults]
+    better = [each for each in bounds if each[0] < share * as_it_is]
+    return [fault for _, fault in sorted(better, key=lambda each: each[0])][:EXCHANGES_TRIED]
 
 
 def _sized(fault: SensorFault, peak: JointPeak) -> str:

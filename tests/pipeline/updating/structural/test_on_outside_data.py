@@ -104,7 +104,7 @@ def test_two_channels_exchanged_from_the_start_are_named(
     assert found.refusal is None
     draws = np.log(found.draws[:, :3] * NOMINAL / truth.theta)
     assert np.abs(draws.mean(axis=0) / draws.std(axis=0)).max() < 3.5
-    for search in ("sensor_fault", "likely_faults"):
+    for search in ("sensor_fault", "likely_wirings"):
         monkeypatch.setattr(refresh, search, lambda *_, **__: pytest.fail("searched again"))
     again = joint_refresh(inference, evidence, found.warm_starts, rng, last_fault=found.fault.name)
     assert again is not None
@@ -256,7 +256,7 @@ def test_a_rough_description_gives_a_wide_interval_and_says_so(
     assert np.all(high / low > 1.3)
 
     assert found.searched_windows == evidence.n_windows
-    for search in ("sensor_fault", "likely_faults"):
+    for search in ("sensor_fault", "likely_wirings"):
         monkeypatch.setattr(refresh, search, lambda *_, **__: pytest.fail("searched again"))
     again = joint_refresh(
         inference, evidence, found.warm_starts, rng, searched_windows=found.searched_windows
