@@ -1,9 +1,9 @@
 """What channels read whose sensors are turned, or sit higher, than their layout states.
 
 The displacement of the tower's axis near a sensor is the polynomial of the fifth degree with the
-model's values and slopes at the stated height and REACH below and above it (Hermite's), gravity's
-share the parabola through its slopes there. Beyond the tower's ends the motion goes on rigidly, as
-a nacelle's frame moves with the flange that carries it.
+model's values and slopes at the stated height and HALF_SPAN below and above it (Hermite's),
+gravity's share the parabola through its slopes there. Beyond the tower's ends the motion goes on
+rigidly, as a nacelle's frame moves with the flange that carries it.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from sensors.arrays import FloatArray
 from sensors.structure.sensor_readings import ChannelReadings
 from sensors.structure.structural_model import StructuralModel
 
-REACH = 5.0  # of the interpolation below and above a sensor's stated height [m]
+HALF_SPAN = 5.0  # of the interpolation below and above a sensor's stated height [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +73,7 @@ class MovableReadings:
 
     along: tuple[FloatArray, FloatArray]
     """Coefficients of displacement, (6, n_channels, n), and of g ψ, (3, n_channels, n), in powers
-    of the height above the stated one over REACH, along the channels' axes"""
+    of the height above the stated one over HALF_SPAN, along the channels' axes"""
     across: tuple[FloatArray, FloatArray]
     """The same along axes turned by a right angle from x towards y."""
     corner_frequencies: FloatArray
@@ -134,10 +134,10 @@ def _coefficients(
     """Of displacement and g ψ at heights along axes."""
     below, here, above = (
         np.array([_followed(model, z + rise, axis) for z, axis in places])
-        for rise in (-REACH, 0.0, REACH)
+        for rise in (-HALF_SPAN, 0.0, HALF_SPAN)
     )  # (n_channels, 2, n_coordinates): displacement and slope
-    f, d = here[:, 0], here[:, 1] * REACH
-    lower, upper = below[:, 1] * REACH, above[:, 1] * REACH
+    f, d = here[:, 0], here[:, 1] * HALF_SPAN
+    lower, upper = below[:, 1] * HALF_SPAN, above[:, 1] * HALF_SPAN
     even = (above[:, 0] + below[:, 0]) / 2 - f
     odd = (above[:, 0] - below[:, 0]) / 2 - d
     even_slope, odd_slope = (upper - lower) / 2, (upper + lower) / 2 - d
@@ -151,7 +151,7 @@ def _coefficients(
             (odd_slope - 3 * odd) / 2,
         ]
     )
-    slopes = np.stack([d, (upper - lower) / 2, (upper + lower) / 2 - d]) / REACH
+    slopes = np.stack([d, (upper - lower) / 2, (upper + lower) / 2 - d]) / HALF_SPAN
     return displacement, model.description.gravity * slopes
 
 
@@ -165,13 +165,15 @@ def _followed(model: StructuralModel, elevation: float, axis: Sequence[float]) -
 
 
 def _moved(coefficients: tuple[FloatArray, FloatArray], heights: FloatArray) -> Motion:
-    return Motion(*(_polynomial(each, heights / REACH) for each in coefficients))
+    return Motion(*(_polynomial(each, heights / HALF_SPAN) for each in coefficients))
 
 
 def _raised(coefficients: tuple[FloatArray, FloatArray], heights: FloatArray) -> Motion:
     """Derivatives by the heights [1/m]."""
-    derived = (each[1:] * (np.arange(1, len(each)) / REACH)[:, None, None] for each in coefficients)
-    return Motion(*(_polynomial(each, heights / REACH) for each in derived))
+    derived = (
+        each[1:] * (np.arange(1, len(each)) / HALF_SPAN)[:, None, None] for each in coefficients
+    )
+    return Motion(*(_polynomial(each, heights / HALF_SPAN) for each in derived))
 
 
 def _polynomial(coefficients: FloatArray, x: FloatArray) -> FloatArray:

@@ -20,16 +20,14 @@ from pipeline.modal_assurance import normalised_with_deviations
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.spectral_model import (
     CloseModes,
+    along_symmetric,
     expected_matrices,
+    information_along_symmetric,
     modal_spectra,
     n_inner,
     stepped,
-    with_derivatives,
-)
-from pipeline.oma.whittle.symmetric import (
-    along_symmetric,
-    information_along_symmetric,
     symmetric_of,
+    with_derivatives,
 )
 from pipeline.oma.work_limit import checkpoint
 from sensors.arrays import ComplexArray, FloatArray

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.oma.whittle.symmetric import (
+from pipeline.oma.whittle.spectral_model import (
     along_symmetric,
     information_along_symmetric,
     symmetric_of,
