@@ -232,7 +232,7 @@ def _likeliest_figures(fit: JointFit, peak: JointPeak) -> list[SensorFault]:
     """The figures whose freedom would lower the cost by most, as the curvature at a peak says.
 
     With h the posterior's variance of a figure that lies z from its prior's mean, in prior standard
-    deviations, a flat prior of it lowers the cost by z² h / (1 − h).
+    deviations, a flat prior of it lowers the cost by z² / (1 − h).
     """
     faults = list(_wrong_figures(fit))
     first = fit.coordinates.n_dim - len(faults)
@@ -240,7 +240,7 @@ def _likeliest_figures(fit: JointFit, peak: JointPeak) -> list[SensorFault]:
     D, J = fit.variances(peak.comparison, 0.0), peak.comparison.jacobian
     covariance = np.linalg.inv((J.T / D) @ J + fit.coordinates.prior_precision)
     variances = np.minimum(np.diag(covariance)[places], 1 - 1e-6)
-    drops = (peak.u - fit.coordinates.origin)[places] ** 2 * variances / (1 - variances)
+    drops = (peak.u - fit.coordinates.origin)[places] ** 2 / (1 - variances)
     return [faults[number] for number in np.argsort(-drops)[:FIGURES_TRIED]]
 
 

@@ -106,3 +106,38 @@ def test_faults_are_looked_for_where_shapes_or_a_sensors_figure_call_for_it(
     )
     peak = SimpleNamespace(relative_cost=1.0, comparison=comparison, u=None)
     assert faults.suspicious(fit, peak) is expected  # type: ignore[arg-type]
+
+
+def test_the_figure_whose_freedom_lowers_the_cost_most_is_tried_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By a quadratic cost whose minima with and without each prior are known in closed form: one
+    figure is known well and far off, one hardly known and near its prior."""
+    rng = np.random.default_rng(5)
+    n = faults.FIGURES_TRIED + 3
+    J = rng.standard_normal((60, n)) * np.concatenate([np.full(n - 1, 2.0), [0.1]])
+    truth = np.zeros(n)
+    truth[1], truth[n - 1] = 6.0, 5.0
+    measured = J @ truth + rng.standard_normal(60)
+
+    def least_cost(precision: np.ndarray) -> tuple[np.ndarray, float]:
+        u = np.linalg.solve(J.T @ J + precision, J.T @ measured)
+        return u, float(((measured - J @ u) ** 2).sum() + u @ precision @ u)
+
+    u, cost = least_cost(np.eye(n))
+    drops = []
+    for number in range(n):
+        precision = np.eye(n)
+        precision[number, number] = 0.0
+        drops.append(cost - least_cost(precision)[1])
+    fit: Any = SimpleNamespace(
+        variances=lambda *_: np.ones(60),
+        coordinates=SimpleNamespace(prior_precision=np.eye(n), origin=np.zeros(n), n_dim=n),
+    )
+    every = [SensorFault(str(i), str(i), fit, (0,), (1.0,), i) for i in range(n)]
+    monkeypatch.setattr(faults, "_wrong_figures", lambda *_: iter(every))
+    comparison: Any = SimpleNamespace(jacobian=J)
+    found = faults._likeliest_figures(fit, JointPeak(u, comparison, cost, 60))
+    expected = np.argsort(-np.array(drops))[: faults.FIGURES_TRIED]
+    assert [int(each.name) for each in found] == expected.tolist()
+    assert found[0].name == "1"
