@@ -61,7 +61,7 @@ class DaskWorkers:
             more = self._submit(pulled, waiting, ready)
             if waiting:
                 future = self._next(ready)
-                call, result = waiting.pop(future), _result_of(future)
+                call, result = waiting.pop(future), self._result_of(future)
                 if isinstance(result, _WorkersDied):
                     suspects.append(call)
                 else:
@@ -96,6 +96,18 @@ class DaskWorkers:
             except Empty:
                 self._missed(len(self._client.nthreads()))
 
+    def _result_of(self, future: Any) -> Any:
+        """What a future that was ready gives. A worker that dies with a result before it is fetched
+        takes it along, and workers that have gone are missed here too."""
+        try:
+            while True:
+                try:
+                    return _ready_result(future)
+                except TimeoutError:
+                    self._missed(len(self._client.nthreads()))
+        finally:
+            future.release()
+
     def _alone(self, call: Call) -> Any:
         """Once more with nothing else under way. Why: Dask blames every call that waits at a worker
         that dies, so that one deadly call may take innocent ones with it."""
@@ -103,7 +115,7 @@ class DaskWorkers:
         future = self._submitted(call, f"{call.key}-alone")  # forgotten by Dask unless held
         future.add_done_callback(ready.put)
         self._next(ready)
-        result = _result_of(future)
+        result = self._result_of(future)
         if isinstance(result, _WorkersDied):
             return Failed(f"{result.count} workers have died of it")
         return result
@@ -124,12 +136,12 @@ class _WorkersDied:
     count: int
 
 
-def _result_of(future: Any) -> Any:
+def _ready_result(future: Any) -> Any:
     from distributed.client import FutureCancelledError
     from distributed.scheduler import KilledWorker
 
     try:
-        return future.result()
+        return future.result(timeout=QUIET_WORKERS)
     except KilledWorker as error:
         return _WorkersDied(error.allowed_failures + 1)
     except FutureCancelledError as error:  # nothing here cancels: the scheduler is gone
@@ -137,8 +149,6 @@ def _result_of(future: Any) -> Any:
             "the Dask scheduler has gone; what is finished is kept, and the same command goes on "
             "with it when a scheduler runs again"
         ) from error
-    finally:
-        future.release()
 
 
 def usable_cores() -> int:

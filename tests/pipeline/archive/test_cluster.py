@@ -149,7 +149,7 @@ def test_a_scheduler_that_goes_in_the_midst_is_one_line() -> None:
         def add_done_callback(self, told: Callable[[object], None]) -> None:
             told(self)
 
-        def result(self) -> object:
+        def result(self, timeout: float) -> object:
             raise FutureCancelledError("key", "scheduler-connection-lost")
 
         def release(self) -> None:
@@ -166,3 +166,28 @@ def test_workers_with_another_pilewatch_or_none_are_refused() -> None:
         client = SimpleNamespace(nthreads=lambda: {"w": 1}, run=lambda *_, **__: {"w": theirs})  # noqa: B023
         with pytest.raises(InputError, match=f"worker w has .*{told}, this is pilewatch"):
             cluster._require_alike(client, "tcp://here:1")
+
+
+def test_workers_are_missed_where_one_dies_with_a_result_that_is_not_fetched() -> None:
+    """The call was over, its result went with the worker, and no other process takes it up."""
+
+    class TakenAlong:
+        waits = 0
+
+        def result(self, timeout: float) -> int:
+            self.waits += 1
+            if self.waits == 1:
+                raise TimeoutError
+            return 16
+
+        def release(self) -> None:
+            pass
+
+    class NobodyLeft:
+        def nthreads(self) -> dict[str, int]:
+            return {}
+
+    missed: list[int] = []
+    workers = DaskWorkers(NobodyLeft(), missed.append)
+    assert workers._result_of(TakenAlong()) == 16
+    assert missed == [0]
