@@ -25,7 +25,7 @@ from mcap.summary import Summary
 
 from pipeline.recording.errors import RecordingError
 from pipeline.streams import STREAMS
-from pipeline.transport.wire import full_name
+from pipeline.transport.codec import full_name
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 _FOOTER = struct.Struct("<QQI")  # start of the summary, of its offsets; checksum

@@ -15,8 +15,7 @@ from pipeline.messages import Message
 from pipeline.nodes.node import NodeStatistics
 from pipeline.recording.errors import RecordingError
 from pipeline.streams import STREAMS, key_of, time_of
-from pipeline.transport.codec import encode
-from pipeline.transport.wire import full_name, self_description
+from pipeline.transport.codec import encode, full_name, self_description
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.atomic_write import sync_folder
 

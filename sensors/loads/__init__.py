@@ -24,9 +24,10 @@ from sensors.loads.broadband import (
 from sensors.loads.filtered import FilteredNoise, RandomLoad, spectral_kernel, white_kernel
 from sensors.loads.load import Load, LoadError, RandomStream, generator
 from sensors.loads.rotor import Rotor, rotor_damping, rotor_load, thrust_slope
-from sensors.loads.spectra import jonswap, wave_number
+from sensors.loads.spectra import wave_number
 from sensors.loads.waves import Sea, SeaState, wave_load
 from sensors.loads.wind import Wind, aerodynamic_damping, wind_load
+from sensors.sea_spectrum import jonswap
 
 __all__ = [
     "BroadbandLoad",

@@ -12,7 +12,8 @@ import numpy as np
 from sensors.arrays import FloatArray, IndexArray
 from sensors.loads.filtered import RandomLoad, spectral_kernel, white_kernel
 from sensors.loads.load import LoadError, RandomStream, require_not_negative
-from sensors.loads.spectra import jonswap, wave_number
+from sensors.loads.spectra import wave_number
+from sensors.sea_spectrum import jonswap
 from sensors.structure.structural_model import PLANE_COLUMNS, StructuralModel
 
 

@@ -11,23 +11,6 @@ from sensors.arrays import FloatArray
 SEA_WATER_GRAVITY = 9.81  # [m/s²], in the dispersion relation
 
 
-def jonswap(
-    frequencies: FloatArray, *, peak_frequency: float, peak_enhancement: float
-) -> FloatArray:
-    """JONSWAP spectrum up to a constant factor, (n_frequencies,).
-
-        S(f) ∝ f⁻⁵ exp(−5/4 (f/fp)⁻⁴) γ^exp(−(f/fp − 1)² / 2s²),  s = .07 up to fp, .09 above
-
-    References
-    ----------
-    Hasselmann et al., Deutsche Hydrographische Zeitschrift A8 No. 12 (1973).
-    """
-    relative = np.maximum(np.asarray(frequencies) / peak_frequency, 1e-3)  # S(0) = 0
-    width = np.where(relative <= 1.0, 0.07, 0.09)
-    peak = peak_enhancement ** np.exp(-((relative - 1.0) ** 2) / (2.0 * width**2))
-    return relative**-5.0 * np.exp(-1.25 * relative**-4.0) * peak
-
-
 def wave_number(frequency: float, depth: float) -> float:
     """k [rad/m] of a linear wave: (2πf)² = g k tanh(k d). frequency [Hz], depth d [m]."""
     deep = (2.0 * np.pi * frequency) ** 2 / SEA_WATER_GRAVITY

@@ -20,8 +20,9 @@ from sensors.loads.load import (
     require_not_negative,
     require_positive,
 )
-from sensors.loads.spectra import horizontal_motion, jonswap
+from sensors.loads.spectra import horizontal_motion
 from sensors.loads.synthesis import OVERLAP, SegmentedNoise, harmonics, in_chunks
+from sensors.sea_spectrum import jonswap
 from sensors.structure.structural_model import StructuralModel
 
 N_HEIGHTS = 12  # places over the water's depth where the force is evaluated

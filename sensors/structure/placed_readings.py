@@ -122,8 +122,8 @@ class MovableReadings:
 
 
 def _at_a_right_angle(axis: Sequence[float]) -> tuple[float, float, float]:
-    """An axis turned by a right angle about z: x becomes y, y becomes −x; what is upright has
-    none."""
+    """A level axis turned by a right angle about z: x becomes y, y becomes −x. An upright one has
+    none, and is not turned (`sensor_figures`)."""
     x, y, _ = axis
     return (-y, x, 0.0)
 

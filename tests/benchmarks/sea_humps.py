@@ -20,7 +20,7 @@ import numpy as np
 
 from pipeline.oma.identification import Identification, identify
 from sensors.arrays import ComplexArray, FloatArray
-from sensors.loads.spectra import jonswap
+from sensors.sea_spectrum import jonswap
 from tests.benchmarks._seeded import report, seeded_options, seeds_of
 
 RATE, DURATION = 10.0, 600.0

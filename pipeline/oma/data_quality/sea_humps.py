@@ -9,7 +9,7 @@ are compared by the lines around it, both with a level, a colour and a backgroun
     sea         p_k = a (f_k/f)^c JONSWAP(f_k; f, γ) + b
 
 A resonance has two flanks alike; a sea has next to no power below its peak, exp(−5/4 (f/f_k)⁴).
-Source of the spectrum: Hasselmann et al. (1973), Deutsche Hydrographische Zeitschrift A8 No. 12.
+Source of the spectrum: `sensors/sea_spectrum.py`.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,6 +21,7 @@ from scipy.optimize import minimize
 from pipeline.messages import Mode, QualityWarning, RefusedMode
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from sensors.arrays import FloatArray, IntArray
+from sensors.sea_spectrum import jonswap
 
 SLOWEST, FASTEST = 0.04, 0.2  # frequencies of a sea's peak [Hz]
 NARROWEST = 1.5  # half bandwidth of what may be a hump [lines]
@@ -167,10 +168,11 @@ def _resonance(relative: FloatArray, place: float, log_damping: float) -> FloatA
 
 def _sea(relative: FloatArray, place: float, log_enhancement: float) -> FloatArray:
     """JONSWAP's spectrum, any scale."""
-    r = relative * np.exp(-place)
-    width = np.where(r <= 1, 0.07, 0.09)
-    peak = np.exp(log_enhancement * np.exp(-((r - 1) ** 2) / (2 * width**2)))
-    return np.asarray(r**-5.0 * np.exp(-1.25 * r**-4.0) * peak)
+    return jonswap(
+        relative,
+        peak_frequency=float(np.exp(place)),
+        peak_enhancement=float(np.exp(log_enhancement)),
+    )
 
 
 def _least_cost(

@@ -20,10 +20,9 @@ from pipeline.messages import (
     RecordedUntil,
 )
 from pipeline.streams import STREAMS
-from pipeline.transport.codec import LARGEST_PAYLOAD, SCHEMA_NAMES, decode, encode
+from pipeline.transport.codec import LARGEST_PAYLOAD, SCHEMA_NAMES, decode, encode, schema
 from pipeline.transport.errors import CodecError
 from pipeline.transport.proto import pilewatch_pb2
-from pipeline.transport.wire import schema
 from sensors.acquisition import blocks, layout, scada
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout

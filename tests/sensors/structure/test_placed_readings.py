@@ -84,10 +84,9 @@ def test_above_the_towers_top_a_sensor_moves_with_the_body_that_it_carries() -> 
     np.testing.assert_allclose(raised.displacement, stated.displacement + 5.0 * slope, atol=1e-9)
 
 
-def test_a_vertical_axis_reads_the_same_however_it_is_turned() -> None:
-    upright = replace(
-        LAYOUT,
-        channels=tuple(replace(c, direction=(0.0, 0.0, 1.0)) for c in LAYOUT.channels[:1]),
-    )
-    found = MovableReadings.of(MODEL, upright).at(Placement(np.array([0.1]), np.zeros(1)))
-    assert np.abs(found.by_heading.displacement).max() < 0.1
+def test_an_upright_axis_has_no_heading() -> None:
+    upright = tuple(replace(c, direction=(0.0, 0.0, 1.0)) for c in LAYOUT.channels[:1])
+    readings = MovableReadings.of(MODEL, replace(LAYOUT, channels=upright))
+    found = readings.at(Placement.as_stated(1))
+    assert np.abs(found.motion.displacement).max() > 0.1
+    np.testing.assert_allclose(found.by_heading.displacement, 0.0, atol=1e-15)

@@ -6,7 +6,7 @@ import pytest
 from pipeline.messages import Mode
 from pipeline.oma.data_quality.sea_humps import WithoutHumps, without_sea_humps
 from sensors.arrays import FloatArray
-from sensors.loads.spectra import jonswap
+from sensors.sea_spectrum import jonswap
 
 RATE, DURATION = 4.0, 600.0
 SHAPE = np.array([0.3, 0.6, 1.0])
