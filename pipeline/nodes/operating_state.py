@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.messages import ModalEstimate, Mode, WindowRejected, rejected_estimate
 from pipeline.modal_assurance import normalised_to, renormalised_factor
-from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout, turning_matrix
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
 from sensors.errors import InputError
@@ -139,26 +139,6 @@ def in_nacelle_axes(estimate: ModalEstimate, layout: SensorLayout) -> ModalEstim
     measured = replace(layout, channels=tuple(by_name[name] for name in estimate.channels))
     turn = turning_matrix(measured, estimate.yaw)
     return replace(estimate, modes=tuple(_turned(mode, turn) for mode in estimate.modes))
-
-
-def turning_matrix(layout: SensorLayout, yaw: float) -> FloatArray:
-    """(n_channels, n_channels): readings along tower axes → along nacelle axes, yaw [deg].
-
-    Raises InputError for a height with one axis alone, whose motion across is not known.
-    """
-    angle = np.radians(yaw)
-    to_nacelle = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    turn = np.zeros((len(layout.channels), len(layout.channels)))
-    for elevation in np.unique(layout.elevations):
-        own = np.flatnonzero(layout.elevations == elevation)
-        axes = layout.directions[own, :2]
-        if np.linalg.matrix_rank(axes, tol=0.1) < 2:
-            raise InputError(
-                f"layout {layout.layout_id} has one direction only at {elevation:g} m; a nacelle "
-                f"yawed by {yaw:g} deg needs two"
-            )
-        turn[np.ix_(own, own)] = axes @ to_nacelle @ np.linalg.pinv(axes)
-    return turn
 
 
 def _turned(mode: Mode, turn: FloatArray) -> Mode:

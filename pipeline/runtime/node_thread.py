@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pipeline.nodes.node import Node
 from pipeline.nodes.statistics import NodeAccount
 from pipeline.runtime.errors import NodeFailed
+from pipeline.runtime.freed_memory import FreedMemory
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -85,6 +86,7 @@ def serve(
     inbox = Inbox()
     subscription = bus.subscribe(node.inputs, inbox)
     beat = Heartbeat(clock)
+    freed = FreedMemory(monotonic)
 
     def publish_status(state: str) -> None:
         bus.publish(
@@ -108,6 +110,7 @@ def serve(
                     bus.publish(answer)
             if beat.due(account, idle=message is None):
                 publish_status("running")
+                freed.give_back()
             if not stopping.is_set():
                 continue
             asked = monotonic() if asked is None else asked

@@ -58,6 +58,9 @@ class AcceptanceSettings:
     unpredicted_share: ClassVar[float] = 0.12
     """Of modes that others do not predict: beyond, untrusted [-]."""
 
+    unlike_share: ClassVar[float] = 0.25
+    """Of shapes that are not those of the modes with their frequencies: beyond, untrusted [-]."""
+
     figure_deviation: ClassVar[float] = 4.0
     """Of a figure from its prior: beyond, untrusted and named [std]."""
 

@@ -112,6 +112,26 @@ def joined_layout(layouts: Sequence[SensorLayout]) -> SensorLayout:
     )
 
 
+def turning_matrix(layout: SensorLayout, yaw: float) -> NDArray[np.float64]:
+    """(n_channels, n_channels): readings along tower axes → along nacelle axes, yaw [deg].
+
+    Raises InputError for a height with one axis alone, whose motion across is not known.
+    """
+    angle = np.radians(yaw)
+    to_nacelle = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    turn = np.zeros((len(layout.channels), len(layout.channels)))
+    for elevation in np.unique(layout.elevations):
+        own = np.flatnonzero(layout.elevations == elevation)
+        axes = layout.directions[own, :2]
+        if np.linalg.matrix_rank(axes, tol=0.1) < 2:
+            raise InputError(
+                f"layout {layout.layout_id} has one direction only at {elevation:g} m; a nacelle "
+                f"yawed by {yaw:g} deg needs two"
+            )
+        turn[np.ix_(own, own)] = axes @ to_nacelle @ np.linalg.pinv(axes)
+    return turn
+
+
 def biaxial_layout(
     layout_id: str,
     *,

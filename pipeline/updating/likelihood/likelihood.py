@@ -80,6 +80,7 @@ class ModeComparison:
     model_modes: tuple[int, ...]  # their mean frequency is compared; two for a close pair
     shape_used: bool
     gap: float  # [Hz], added to the standard deviation of f: the neighbour it may be mixed with
+    shape_unlike: bool = False  # left out although no neighbour is near enough to be mixed with
 
 
 def observations(
@@ -121,7 +122,15 @@ def observations(
         else:
             separate = bool(gap >= settings.shape_mixing * model_frequencies[model])
             alike = mac is None or bool(mac[identified, model] >= settings.least_mac)
-            found.append(ModeComparison(identified, (model,), separate and alike, gap=0.0))
+            found.append(
+                ModeComparison(
+                    identified,
+                    (model,),
+                    shape_used=separate and alike,
+                    gap=0.0,
+                    shape_unlike=separate and not alike,
+                )
+            )
     return tuple(found)
 
 

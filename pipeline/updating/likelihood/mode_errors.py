@@ -60,6 +60,17 @@ class ModeErrors:
     shares: "SharesOut | None" = None
     """Of neighbours that were taken out of the errors; None for none"""
 
+    @property
+    def unlike_shapes(self) -> int:
+        """Of modes alone at their frequency whose partner's shape is another one: not compared."""
+        return sum(each.shape_unlike for each in self.used)
+
+    @property
+    def unlike_share(self) -> float:
+        """Of the shapes that could be compared [-]"""
+        n = self.unlike_shapes
+        return n / max(n + sum(each.shape_used for each in self.used), 1)
+
     def at_discrepancy(self, sigma: float) -> tuple["ModeErrors", float]:
         """The errors with the shares of neighbours that are likeliest beside a discrepancy σ, and
         by how much they raise ln |D(σ)|: where modes err by more, shapes tell less of a share."""

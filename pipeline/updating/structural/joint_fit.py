@@ -199,9 +199,9 @@ class JointFit(JointModel):
         bounds = np.minimum(costs.min(axis=2), self._pairing.rejection) @ targets.weights
         return np.asarray(bounds)
 
-    def pairing_bound(self, evidence: ModalEvidence) -> float:
+    def pairing_bound(self, targets: PairingTargets) -> float:
         """The lowest pairing cost of some drawn structures, for a rough comparison of evidence."""
-        return float(self._bounds(self.targets(evidence), every=ROUGHLY).min())
+        return float(self._bounds(targets, every=ROUGHLY).min())
 
     # ---- one descent -----------------------------------------------------------------------
 

@@ -134,6 +134,16 @@ def distrust(found: JointRefresh, guards: AcceptanceSettings) -> tuple[QualityWa
                 f"{guards.paired_share:.0%} expected)",
             )
         )
+    unlike = found.best.peak.comparison.unlike_share
+    if unlike > guards.unlike_share:
+        doubts.append(
+            QualityWarning(
+                "shapes-unlike",
+                f"{unlike:.0%} of the mode shapes that could be compared are not those of the "
+                f"model (at most {guards.unlike_share:.0%} expected), so only frequencies enter: "
+                "are the layout's directions, heights and channels right?",
+            )
+        )
     doubts += [
         QualityWarning(
             "figure-outside-prior",

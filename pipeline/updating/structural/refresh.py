@@ -32,7 +32,9 @@ from pipeline.updating.structural.sensors.faults import (
     SensorFault,
     far_off_sensors,
     fault_named,
+    likely_turns,
     likely_wirings,
+    misfit,
     sensor_fault,
     still_explained,
     suspicious,
@@ -252,8 +254,8 @@ def _with_fault_named(
     if fault is None:
         return None
     corrected = fault.corrected(measured)
-    if fault.place is not None and warm:
-        size = float(warm[0].u[fault.place])
+    if fault.places and warm:
+        size = fault.size(warm[0].u)
 
     def allowing(fit: JointFit) -> JointFit:
         same = fault_named(name, fit, size=size)
@@ -311,12 +313,14 @@ def _with_a_fault(
 ) -> _Attempt:
     """The attempt with the fault of a sensor that explains most; as it was for none.
 
-    First wrong cables, which no fit is needed to tell; then what fits best from the peak; then a
-    sensor metres away, with which every alternative is fitted anew.
+    First all sensors turned alike and wrong cables, which no fit is needed to tell; then what fits
+    best from the peak; then a sensor metres away, with which every alternative is fitted anew.
     """
     fine = attempt.result.best.fit.with_tolerance(FINEST_TOLERANCE)
-    wirings = [(fault.name, 0.0) for fault in likely_wirings(fine, attempt.evidence)]
-    found = _with_likely_fault(inference, measured, attempt, wirings, level_std=level_std)
+    turns = likely_turns(fine, attempt.evidence, attempt.result.best.peak)
+    likely = [(fault.name, size) for fault, size in turns]
+    likely += [(fault.name, 0.0) for fault in likely_wirings(fine, attempt.evidence)]
+    found = _with_likely_fault(inference, measured, attempt, likely, level_std=level_std)
     if found.fault is None and not attempt.fits_nothing(guards):
         found = _with_sensor_fault(inference, measured, attempt, level_std=level_std, last=last)
     peak = attempt.result.best.peak
@@ -348,7 +352,7 @@ def _with_likely_fault(
         )
         if found is None or found.paired_share <= attempt.paired_share - LOST_PAIRS:
             continue
-        if best is None or found.result.best.peak.excess < best.result.best.peak.excess:
+        if best is None or misfit(found.result.best.peak) < misfit(best.result.best.peak):
             best = found
         if best.result.best.peak.relative_cost <= SUSPICIOUS_COST:
             break

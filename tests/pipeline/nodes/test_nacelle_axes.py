@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.nodes.operating_state import in_nacelle_axes, turning_matrix
-from sensors.acquisition.layout import SensorLayout
+from pipeline.nodes.operating_state import in_nacelle_axes
+from sensors.acquisition.layout import SensorLayout, turning_matrix
 from sensors.errors import InputError
 from tests.pipeline.example_estimates import estimate, mode
 from tests.pipeline.example_messages import LAYOUT

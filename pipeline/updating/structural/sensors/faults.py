@@ -2,8 +2,18 @@
 
 Each fault is one more model of the same data. A turned, scaled or displaced sensor is the fit with
 a prior of that one figure that allows it; a flipped or swapped one the fit to shapes whose channels
-are put right. The cheapest is taken where it lowers the cost by more than chance and the number of
-faults that were tried allow.
+are put right; sensors that are all turned by one angle, as against a nacelle whose yaw nothing
+reports, the fit with all headings about that angle. The cheapest is taken where it lowers the cost
+by more than chance and the number of faults that were tried allow.
+
+Sensors are fixed to the tower, fore-aft follows the nacelle. Where all are turned, no frequency
+changes, modes mostly have their partners, and the angle is that at which the shapes are theirs:
+
+    max over α of Σ MAC(φ, cos α r + sin α r_⊥)
+
+r and r_⊥ what the sensors read of a mode of the model along their axes and across them. Beyond some
+40° modes find wrong partners or none; then the angle is that at which modes find much nearer ones
+among drawn structures.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,8 +25,9 @@ import numpy as np
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit
 from pipeline.updating.structural.joint_model import JointPeak
-from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout, turning_matrix
 from sensors.arrays import FloatArray
+from sensors.errors import InputError
 
 WIDE = {"gain": 40.0, "heading": 30.0, "height": 60.0}  # factor on the prior's std of a fault
 EXCHANGES_TRIED = 3  # of channels, those that pair the modes best
@@ -27,15 +38,24 @@ FAR_OFF_TRIED = 3  # sensors metres off, with every alternative
 FIGURES_TRIED = 5  # of sensors, those whose freedom promises most where the fit ended
 CORRECTIONS_TRIED = 4  # flips and swaps, those that fit best where the fit without a fault ended
 LEAST_DROP = 25.0  # of the cost: 12 nats against some sixty faults tried
+UNLIKE_COST = 9.0  # of a shape that is left out because it is not its partner's: as much as of a
+# mode without a partner
 LARGEST_COST = 2.5  # per degree of freedom with the fault: above, the structure is another one
 SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
 SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
 SUSPICIOUS_PAIRS = 0.85  # share of modes with a partner, below which likewise [-]
 SUSPICIOUS_FIGURE = 3.0  # of a sensor's figure from its prior, likewise [std]
+SUSPICIOUS_UNLIKE = 0.25  # share of the shapes that are not their partners', likewise; drawn towers
+# have at most .12 (tests.benchmarks.structural_uncertainty, seeds 19000 to 19013)
 LOST_PAIRS = 0.02  # share of the modes that may lose their partner by a fault's correction [-]
 STARTS = {"gain": (0.0,), "heading": (0.0,), "height": (0.0, 2.5, -2.5)}  # of the descent to a
 # fault, in its unit: beyond a metre modes seem to be others, and no step from 0 lowers the cost
 # (the same, seeds 208000 to 208011)
+ALL_TURNED = "heading of all sensors"
+ANGLES = np.arange(-90.0, 90.0)  # half a turn changes the sign of a shape, which is free [deg]
+NEARER_SHAPES = 0.5  # of what all MACs lack of 1 is left at an angle that is tried first [-]
+TURNS = (90.0, 75.0, -75.0, 60.0, -60.0, 45.0, -45.0, 30.0, -30.0)  # [deg]
+NEARER_TURNS = (-10.0, -5.0, 0.0, 5.0, 10.0)  # beside the best of them [deg]
 LEAST_SIZE = {"gain": 0.03, "heading": 5.0, "height": 0.7}  # that is named [-], [deg], [m]
 
 
@@ -52,8 +72,12 @@ class SensorFault:
     order: tuple[int, ...]
     """Which channel's values each channel of the layout really has."""
     signs: tuple[float, ...]
-    place: int | None = None
-    """Of the coordinate that is far off; None where channels are confused."""
+    places: tuple[int, ...] = ()
+    """Of the coordinates that are far off, all by the same; none where channels are confused."""
+
+    def size(self, u: FloatArray) -> float:
+        """Of the coordinates that are far off, at a point [prior standard deviations]."""
+        return float(np.mean(u[list(self.places)])) if self.places else 0.0
 
     def corrected(self, evidence: ModalEvidence) -> ModalEvidence:
         """The evidence with the channels put right."""
@@ -69,6 +93,8 @@ def suspicious(fit: JointFit, peak: JointPeak) -> bool:
     found = peak.comparison
     shapes = ~found.is_frequency
     if peak.relative_cost > SUSPICIOUS_COST or found.pairing.paired_share < SUSPICIOUS_PAIRS:
+        return True
+    if found.unlike_share > SUSPICIOUS_UNLIKE:
         return True
     if not shapes.any():
         return False
@@ -101,7 +127,8 @@ def fault_named(name: str, fit: JointFit, *, size: float = 0.0) -> SensorFault |
 
     size   of a figure, about which it is looked for [prior standard deviations]
     """
-    faults = chain(_wrong_figures(fit, size), _wrong_cables(fit), _exchanges(fit))
+    figures = chain(_wrong_figures(fit, size), _turned_layouts(fit, size))
+    faults = chain(figures, _wrong_cables(fit), _exchanges(fit))
     return next((each for each in faults if each.name == name), None)
 
 
@@ -117,7 +144,7 @@ def still_explained(
     if peak.relative_cost > LARGEST_COST:
         return None
     without = fit.settled(measured, peak.u)
-    if without is not None and without.excess < peak.excess + LEAST_DROP:
+    if without is not None and misfit(without) < misfit(peak) + LEAST_DROP:
         return None
     text = _sized(fault, peak)
     return replace(fault, text=text) if text else None
@@ -137,10 +164,10 @@ def far_off_sensors(fit: JointFit, evidence: ModalEvidence) -> list[tuple[Sensor
         for size in (each / figure.std for each in STARTS[figure.kind] if each):
             fault = fault_named(figure.name, fit, size=size)
             end = fault.fit.best(evidence, most_starts=FEW_STARTS) if fault else None
-            if fault is None or fault.place is None or end is None:
+            if fault is None or end is None:
                 continue
-            if figure.name not in best or end.excess < best[figure.name][0]:
-                best[figure.name] = (end.excess, fault, float(end.u[fault.place]))
+            if figure.name not in best or misfit(end) < best[figure.name][0]:
+                best[figure.name] = (misfit(end), fault, fault.size(end.u))
     nearest = sorted(best.values(), key=lambda each: each[0])[:FAR_OFF_TRIED]
     return [(fault, size) for _, fault, size in nearest]
 
@@ -153,13 +180,19 @@ def _best_of(
         fitted = _fitted(fault, evidence, peak)
         if fitted is None or _share(fitted) < _share(peak) - LOST_PAIRS:
             continue  # a mode without a partner is cheaper than one with a poor shape
-        if best is None or fitted.excess < best[1].excess:
+        if best is None or misfit(fitted) < misfit(best[1]):
             best = (fault, fitted)
-    if best is None or best[1].excess > peak.excess - LEAST_DROP:
+    if best is None or misfit(best[1]) > misfit(peak) - LEAST_DROP:
         return None
     fault, end = best
     text = _sized(fault, end) if end.relative_cost <= LARGEST_COST else ""
     return (replace(fault, text=text), end) if text else None
+
+
+def misfit(peak: JointPeak) -> float:
+    """The cost beyond chance, by which fits with and without a fault are compared: a shape that is
+    left out must not count as one that fits."""
+    return peak.excess + UNLIKE_COST * peak.comparison.unlike_shapes
 
 
 def _share(peak: JointPeak) -> float:
@@ -169,10 +202,10 @@ def _share(peak: JointPeak) -> float:
 
 def _fitted(fault: SensorFault, evidence: ModalEvidence, peak: JointPeak) -> JointPeak | None:
     """The peak with a fault: near the one without it, unless channels change their meaning."""
-    if fault.place is None:
+    if not fault.places:
         return fault.fit.best(fault.corrected(evidence), [peak.u], most_starts=2)
     ends = [fault.fit.settled(evidence, start) for start in _starts(fault, peak.u)]
-    return min((end for end in ends if end), key=lambda end: end.excess, default=None)
+    return min((end for end in ends if end), key=misfit, default=None)
 
 
 def _starts(fault: SensorFault, u: FloatArray) -> Iterator[FloatArray]:
@@ -180,7 +213,7 @@ def _starts(fault: SensorFault, u: FloatArray) -> Iterator[FloatArray]:
     figure = next(each for each in fault.fit.sensors.figures if each.name == fault.name)
     for size in STARTS[figure.kind]:
         start = u.copy()
-        start[fault.place] += size / figure.std
+        start[list(fault.places)] += size / figure.std
         yield start
 
 
@@ -192,7 +225,24 @@ def _wrong_figures(fit: JointFit, size: float = 0.0) -> Iterator[SensorFault]:
     for number, figure in enumerate(fit.sensors.figures):
         place = first + number
         loosened = fit.with_prior(place, size, WIDE[figure.kind])
-        yield SensorFault(figure.name, figure.name, loosened, order, signs, place)
+        yield SensorFault(figure.name, figure.name, loosened, order, signs, (place,))
+
+
+def _turned_layouts(fit: JointFit, size: float) -> Iterator[SensorFault]:
+    """All sensors turned by one angle, each off by its own heading beside it.
+
+    size   of the angle [prior standard deviations of a heading]
+    """
+    first = fit.coordinates.n_dim - len(fit.sensors.figures)
+    kinds = [figure.kind for figure in fit.sensors.figures]
+    places = tuple(first + n for n, kind in enumerate(kinds) if kind == "heading")
+    if not places:
+        return
+    turned = fit
+    for place in places:
+        turned = turned.with_prior(place, size, 1.0)
+    n = len(fit.model.layout.channels)
+    yield SensorFault(ALL_TURNED, ALL_TURNED, turned, tuple(range(n)), (1.0,) * n, places)
 
 
 def _wrong_cables(fit: JointFit) -> Iterator[SensorFault]:
@@ -252,23 +302,99 @@ def _best_paired(
 
     share   of the pairing cost as it is, below which that is so
     """
-    as_it_is = fit.pairing_bound(evidence)
-    bounds = [(fit.pairing_bound(each.corrected(evidence)), each) for each in faults]
+    as_it_is = fit.pairing_bound(fit.targets(evidence))
+    bounds = [(fit.pairing_bound(fit.targets(each.corrected(evidence))), each) for each in faults]
     better = [each for each in bounds if each[0] < share * as_it_is]
     return [fault for _, fault in sorted(better, key=lambda each: each[0])][:EXCHANGES_TRIED]
 
 
 def _sized(fault: SensorFault, peak: JointPeak) -> str:
     """The fault in words with its size; "" for one that is too small to be one."""
-    figures = {figure.name: i for i, figure in enumerate(fault.fit.sensors.figures)}
-    if fault.text not in figures:
+    if not fault.places:
         return fault.text
-    figure = fault.fit.sensors.figures[figures[fault.text]]
-    size = float(fault.fit.coordinates.sensors(peak.u)[figures[fault.text]] * figure.std)
+    first = fault.fit.coordinates.n_dim - len(fault.fit.sensors.figures)
+    figure = fault.fit.sensors.figures[fault.places[0] - first]
+    size = fault.size(peak.u) * figure.std
     if abs(size) < LEAST_SIZE[figure.kind]:
         return ""
+    if fault.name == ALL_TURNED:
+        return (
+            f"all sensors are turned by {size:.0f}° against the nacelle's axes: its yaw, or the "
+            "layout's directions"
+        )
     if figure.kind == "gain":
         return f"channel {figure.target} reads {1 + size:.3g} of what it should"
     if figure.kind == "heading":
         return f"the sensor at {figure.target} is turned by {size:.0f}°"
     return f"the sensor at {figure.target} sits {size:+.1f} m off"
+
+
+def likely_turns(
+    fit: JointFit, evidence: ModalEvidence, peak: JointPeak
+) -> list[tuple[SensorFault, float]]:
+    """All sensors turned, and by how much they may be, in prior standard deviations; none where no
+    angle brings the shapes much nearer."""
+    fault = fault_named(ALL_TURNED, fit)
+    if fault is None:
+        return []
+    angles = (_by_pairing(fit, evidence), _by_shapes(fit, evidence, peak))
+    return [(fault, angle / _heading_std(fit)) for angle in angles if angle is not None]
+
+
+def _by_shapes(fit: JointFit, evidence: ModalEvidence, peak: JointPeak) -> float | None:
+    """The angle at which the shapes of the paired modes are those of their partners [deg]."""
+    headings = fit.sensors.placement(fit.coordinates.sensors(peak.u)).headings
+    values = turned_macs(evidence, peak, headings)
+    if not values.size:
+        return None
+    lacking = 1.0 - values.mean(axis=0)
+    best = int(np.argmin(lacking))
+    as_stated = lacking[int(np.argmin(np.abs(ANGLES)))]
+    enough = lacking[best] <= NEARER_SHAPES * as_stated
+    return float(ANGLES[best]) if enough and abs(ANGLES[best]) >= LEAST_SIZE["heading"] else None
+
+
+def turned_macs(evidence: ModalEvidence, peak: JointPeak, headings: FloatArray) -> FloatArray:
+    """(n_modes, n_angles) of the modes that are alone at their frequency, with their partners as
+    sensors read them that are turned by each of `ANGLES` from their stated directions [-].
+
+    headings   (n_channels,) of the sensors at the peak, from the stated directions [rad]
+    """
+    modes = peak.comparison.linearisation
+    alone = [each for each in peak.comparison.used if each.shape_used or each.shape_unlike]
+    angles = np.radians(ANGLES)[:, None] - headings
+    found = []
+    for each in alone:
+        measured = evidence.modes[each.identified].mean[1:]
+        along, across = (
+            np.real(readings[each.model_modes[0]])
+            for readings in (modes.readings, modes.by_heading)
+        )
+        known = np.isfinite(measured)
+        turned = (np.cos(angles) * along + np.sin(angles) * across)[:, known]
+        phi = measured[known]
+        squares = (turned @ phi) ** 2
+        found.append(squares / ((turned**2).sum(axis=1) * (phi @ phi) + 1e-300))
+    return np.array(found)
+
+
+def _by_pairing(fit: JointFit, evidence: ModalEvidence) -> float | None:
+    """The angle at which modes find much nearer partners among drawn structures [deg]; None where
+    none does, or where the motion across a sensor is not measured."""
+    layout, targets = fit.model.layout, fit.targets(evidence)
+
+    def bound(angle: float) -> float:
+        as_stated = turning_matrix(layout, -angle)
+        return fit.pairing_bound(replace(targets, shapes=targets.shapes @ as_stated.T))
+
+    try:
+        best = min(TURNS, key=bound)
+    except InputError:
+        return None
+    best = min((best + nearer for nearer in NEARER_TURNS), key=bound)
+    return best if bound(best) < MUCH_NEARER * fit.pairing_bound(targets) else None
+
+
+def _heading_std(fit: JointFit) -> float:
+    """Of the prior of a sensor's heading [deg]."""
+    return next(figure.std for figure in fit.sensors.figures if figure.kind == "heading")

@@ -16,6 +16,8 @@ from pipeline.updating.structural.joint_message import distrust
 from pipeline.updating.structural.periods.relative_change import relative_springs
 from pipeline.updating.structural.posterior import figure_errors
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
+from pipeline.updating.structural.sensors.faults import ALL_TURNED
+from pipeline.updating.structural.sensors.figures import HEADING_STD
 from pipeline.updating.structural.settings import UNCERTAIN
 from pipeline.updating.updater import FoundationUpdater
 from sensors.dynamics.modal_model import ModalModel
@@ -77,6 +79,56 @@ def test_a_turned_sensor_is_named(inference: JointInference) -> None:
     found = refreshed(inference, truth_of(6), 6, (SensorFault("turned", 80.0, 15.0),))
     assert found.fault is not None
     assert "sensor at 80 m is turned by 1" in found.fault.text
+
+
+@pytest.mark.parametrize(
+    ("seed", "angle"),
+    [
+        (27, 55),
+        *(
+            pytest.param(seed, each, marks=pytest.mark.nightly)
+            for seed, each in [(28, 12), (29, 90)]
+        ),
+    ],
+)
+def test_sensors_that_are_all_turned_alike_are_named_and_read_so(
+    inference: JointInference, seed: int, angle: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As under a nacelle whose yaw nothing reports. Beyond 40° modes have no right partners; the
+    springs hold all the same. The next refresh goes by the angle that is known."""
+    heights = sorted({channel.elevation for channel in LAYOUT.channels})
+    truth = truth_of(seed)
+    found = refreshed(
+        inference, truth, seed, tuple(SensorFault("turned", z, float(angle)) for z in heights)
+    )
+    assert found.fault is not None
+    assert found.fault.name == ALL_TURNED
+    assert found.fault.size(found.best.peak.u) * HEADING_STD == pytest.approx(angle, abs=3)
+    assert found.best.peak.comparison.unlike_share < 0.12  # as of towers with right sensors
+    assert [each.code for each in distrust(found, SETTINGS.guards)] == ["sensor"]
+    draws = np.log(found.draws[:, :3] * NOMINAL / truth.theta)
+    assert np.abs(draws.mean(axis=0) / draws.std(axis=0)).max() < 3.5
+    monkeypatch.setattr(refresh, "likely_turns", lambda *_: pytest.fail("searched again"))
+    rng = np.random.default_rng(seed)
+    again = joint_refresh(
+        inference, found.evidence, found.warm_starts, rng, last_fault=found.fault.name
+    )
+    assert again is not None
+    assert again.fault is not None
+    assert again.fault.text == found.fault.text
+
+
+def test_a_posterior_by_frequencies_alone_is_not_trusted_where_shapes_are_others() -> None:
+    """Headings that are stated to be exact, and are 30° off: nothing may explain the shapes."""
+    exact = replace(SETTINGS, structure=replace(UNCERTAIN, stds=(("sensor_heading", 0.0),)))
+    inference = joint_inference(TURBINE, LAYOUT, exact, seed=1)
+    assert inference is not None
+    heights = sorted({channel.elevation for channel in LAYOUT.channels})
+    found = refreshed(
+        inference, truth_of(26), 26, tuple(SensorFault("turned", z, 30.0) for z in heights)
+    )
+    assert found.fault is None
+    assert "shapes-unlike" in [each.code for each in distrust(found, SETTINGS.guards)]
 
 
 @pytest.mark.parametrize(

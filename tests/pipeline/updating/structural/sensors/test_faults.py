@@ -20,6 +20,7 @@ class Pairing:
 @dataclass(frozen=True)
 class Comparison:
     pairing: Pairing
+    unlike_shapes: int = 0
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,8 @@ class NoFigures:
     figures: tuple[()] = ()
 
 
-def peak(cost: float, degrees: int, share: float) -> JointPeak:
-    comparison: Any = Comparison(Pairing(share))
+def peak(cost: float, degrees: int, share: float, unlike: int = 0) -> JointPeak:
+    comparison: Any = Comparison(Pairing(share), unlike)
     return JointPeak(np.zeros(3), comparison, cost, degrees)
 
 
@@ -49,6 +50,15 @@ def best(
     evidence: Any = None
     found = faults._best_of([fault(name) for name in ends], evidence, without)
     return None if found is None else found[0].name
+
+
+def test_a_shape_that_is_left_out_does_not_count_as_one_that_fits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All sensors turned by 30°: without the fault frequencies alone are compared, and fit."""
+    ends = {"turned": peak(245.0, 241, 1.0)}
+    assert best(ends, peak(32.0, 31, 1.0), monkeypatch) is None
+    assert best(ends, peak(32.0, 31, 1.0, unlike=30), monkeypatch) == "turned"
 
 
 def test_a_fault_that_gives_all_modes_their_partners_is_better_than_a_cheaper_one_that_leaves_some(
@@ -81,7 +91,9 @@ def test_faults_are_looked_for_where_cost_or_pairs_call_for_it(
 ) -> None:
     """No shape is compared here."""
     comparison = SimpleNamespace(
-        is_frequency=np.ones(3, dtype=bool), pairing=SimpleNamespace(paired_share=paired)
+        is_frequency=np.ones(3, dtype=bool),
+        pairing=SimpleNamespace(paired_share=paired),
+        unlike_share=0.0,
     )
     peak = SimpleNamespace(relative_cost=cost, comparison=comparison)
     assert faults.suspicious(None, peak) is expected  # type: ignore[arg-type]
@@ -99,6 +111,7 @@ def test_faults_are_looked_for_where_shapes_or_a_sensors_figure_call_for_it(
         is_frequency=np.array([True, False, False]),
         pairing=SimpleNamespace(paired_share=1.0),
         errors=np.array([9.0, error, error]),
+        unlike_share=0.0,
     )
     fit = SimpleNamespace(
         variances=lambda found, sigma: np.ones(3),
@@ -106,6 +119,20 @@ def test_faults_are_looked_for_where_shapes_or_a_sensors_figure_call_for_it(
     )
     peak = SimpleNamespace(relative_cost=1.0, comparison=comparison, u=None)
     assert faults.suspicious(fit, peak) is expected  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("unlike", "expected"), [(0.25, False), (0.26, True)])
+def test_faults_are_looked_for_where_shapes_are_not_those_of_the_partners(
+    unlike: float, expected: bool
+) -> None:
+    """Frequencies alone are compared then, and fit."""
+    comparison = SimpleNamespace(
+        is_frequency=np.ones(3, dtype=bool),
+        pairing=SimpleNamespace(paired_share=1.0),
+        unlike_share=unlike,
+    )
+    peak = SimpleNamespace(relative_cost=1.0, comparison=comparison)
+    assert faults.suspicious(None, peak) is expected  # type: ignore[arg-type]
 
 
 def test_the_figure_whose_freedom_lowers_the_cost_most_is_tried_first(
@@ -134,7 +161,7 @@ def test_the_figure_whose_freedom_lowers_the_cost_most_is_tried_first(
         variances=lambda *_: np.ones(60),
         coordinates=SimpleNamespace(prior_precision=np.eye(n), origin=np.zeros(n), n_dim=n),
     )
-    every = [SensorFault(str(i), str(i), fit, (0,), (1.0,), i) for i in range(n)]
+    every = [SensorFault(str(i), str(i), fit, (0,), (1.0,), (i,)) for i in range(n)]
     monkeypatch.setattr(faults, "_wrong_figures", lambda *_: iter(every))
     comparison: Any = SimpleNamespace(jacobian=J)
     found = faults._likeliest_figures(fit, JointPeak(u, comparison, cost, 60))
