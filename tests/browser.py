@@ -195,6 +195,15 @@ def tab_places(png: bytes, rows: tuple[int, int]) -> list[int]:
     return [int(group.mean()) for group in groups if len(group)]
 
 
+def drawn_picture(page: "Page", screen: Screen) -> bytes:
+    """The viewer's first picture with tabs: while it loads, a slow machine shows one without."""
+    deadline = time.monotonic() + PATIENCE
+    while not tab_places(picture := settled_picture(page), screen.tab_bar):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{page.url} shows no tabs after {PATIENCE:g} s")
+    return picture
+
+
 def tab_pictures(page: "Page", first: bytes, screen: Screen) -> Iterator[bytes]:
     """A picture of each tab behind the first; a page has none."""
     row = sum(screen.tab_bar) / 2
@@ -212,9 +221,11 @@ def photograph(browser: "Browser", place: str, folder: Path, *, tabs: bool = Fal
             name = f"{Path(place).stem}-{screen.name}-{'dark' if dark else 'light'}"
             with served(place) as address, opened(browser, address, screen, dark=dark) as seen:
                 page, heard = seen
-                if not place.endswith(".html"):
+                if place.endswith(".html"):
+                    picture = settled_picture(page)
+                else:
                     start_viewer(page)
-                picture = settled_picture(page)
+                    picture = drawn_picture(page, screen)
                 (folder / f"{name}.png").write_bytes(picture)
                 if tabs and not place.endswith(".html"):
                     for number, tab in enumerate(tab_pictures(page, picture, screen), 2):
