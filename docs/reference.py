@@ -64,6 +64,8 @@ def keys_of(settings: Any, title: str, introduction: str) -> str:
     """Every key of a settings type, section by section: type, default, meaning."""
     lines = [f"# {title}", "", introduction, ""]
     for section, kind in sections(settings, ""):
+        if not keys(kind):
+            continue  # holds sections alone
         lines += [f"## {section or 'Top of the file'}", ""]
         lines += [_first_line(kind), "", "| key | type | default | meaning |", "|---|---|---|---|"]
         meanings, hints = field_meanings(kind), get_type_hints(kind)

@@ -1,9 +1,10 @@
-"""Pages in a real browser: python -m tests.browser FOLDER FILE…
+"""Pages in a real browser: python -m tests.browser [--tabs] FOLDER FILE…
 
 FILE is a report (.html), opened as it is, or pictures (.rrd), opened on the page that
 `pilewatch show FILE --view web` serves; an address (http://…) is opened where it is, e.g. that of a
 session that runs with `--view web`. Each is opened as on a desk and as on a phone, dark and light,
-waited for until it has drawn, and saved as a PNG in FOLDER. What the browser complains of, and
+waited for until it has drawn, and saved as a PNG in FOLDER; with --tabs of pictures one PNG of each
+of the outermost tabs. What the browser complains of, and
 every request that leaves this machine, is told; the exit code is then 1.
 
 Needs Playwright (pip install 'pilewatch[browser]') and Debian's chromium (apt-get install
@@ -24,6 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
+import numpy as np
 from PIL import Image
 
 from pipeline.viewer.outputs.outputs import WebPage
@@ -40,6 +42,8 @@ FLAGS = (
 )
 PATIENCE = 180.0  # for a page to have drawn all, in software [s]
 LOOK = 3.0  # between two looks that must be alike [s]
+TAB_GAP = 9  # between two tabs; between a tab's sign and its name there is less [pixels]
+INK = 40  # by which a letter's colour differs from what is behind it, of 255
 HERE = ("127.0.0.1", "localhost")
 # The viewer tells the console of every shader it makes; to hear it takes longer than to draw.
 QUIET = "console.debug = () => {};"
@@ -54,10 +58,11 @@ class Screen:
     width: int  # [CSS pixels]
     height: int  # [CSS pixels]
     is_phone: bool = False
+    tab_bar: tuple[int, int] = (42, 62)  # rows of a picture [pixels]
 
 
 DESK = Screen("desk", 1600, 1000)
-PHONE = Screen("phone", 390, 844, is_phone=True)
+PHONE = Screen("phone", 390, 844, is_phone=True, tab_bar=(3, 13))
 
 
 @dataclass(slots=True)
@@ -181,7 +186,34 @@ def served(place: str) -> Iterator[str]:
         yield Path(place).resolve().as_uri()
 
 
-def photograph(browser: "Browser", place: str, folder: Path) -> bool:
+def tab_places(png: bytes, rows: tuple[int, int]) -> list[int]:
+    """Middles of the tabs in these rows of a picture: ink between gaps of TAB_GAP [pixels]."""
+    with Image.open(BytesIO(png)) as picture:
+        bar = np.asarray(picture.convert("L"), dtype=float)[slice(*rows)]
+    inked = np.flatnonzero((np.abs(bar - np.median(bar)) > INK).any(axis=0))
+    groups = np.split(inked, np.flatnonzero(np.diff(inked) > TAB_GAP) + 1)
+    return [int(group.mean()) for group in groups if len(group)]
+
+
+def drawn_picture(page: "Page", screen: Screen) -> bytes:
+    """The viewer's first picture with tabs: while it loads, a slow machine shows one without."""
+    deadline = time.monotonic() + PATIENCE
+    while not tab_places(picture := settled_picture(page), screen.tab_bar):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{page.url} shows no tabs after {PATIENCE:g} s")
+    return picture
+
+
+def tab_pictures(page: "Page", first: bytes, screen: Screen) -> Iterator[bytes]:
+    """A picture of each tab behind the first; a page has none."""
+    row = sum(screen.tab_bar) / 2
+    scale = page.evaluate("window.innerWidth") / screen.width  # of a narrow page, laid out wider
+    for x in tab_places(first, screen.tab_bar)[1:]:
+        page.mouse.click(x * scale, row * scale)
+        yield settled_picture(page)
+
+
+def photograph(browser: "Browser", place: str, folder: Path, *, tabs: bool = False) -> bool:
     """Pictures of a page on every screen, dark and light; whether nothing was complained of."""
     is_good = True
     for screen in (DESK, PHONE):
@@ -189,10 +221,15 @@ def photograph(browser: "Browser", place: str, folder: Path) -> bool:
             name = f"{Path(place).stem}-{screen.name}-{'dark' if dark else 'light'}"
             with served(place) as address, opened(browser, address, screen, dark=dark) as seen:
                 page, heard = seen
-                if not place.endswith(".html"):
+                if place.endswith(".html"):
+                    picture = settled_picture(page)
+                else:
                     start_viewer(page)
-                picture = settled_picture(page)
+                    picture = drawn_picture(page, screen)
                 (folder / f"{name}.png").write_bytes(picture)
+                if tabs and not place.endswith(".html"):
+                    for number, tab in enumerate(tab_pictures(page, picture, screen), 2):
+                        (folder / f"{name}-{number}.png").write_bytes(tab)
                 is_good &= _report(name, picture, heard, overflow(page))
     return is_good
 
@@ -214,10 +251,11 @@ def main(arguments: list[str]) -> int:
     if reason := missing():
         _log.warning("skipped: %s", reason)
         return 0
-    folder, places = Path(arguments[0]), arguments[1:]
-    folder.mkdir(parents=True, exist_ok=True)
+    tabs = arguments[0] == "--tabs"
+    folder, *places = arguments[tabs:]
+    Path(folder).mkdir(parents=True, exist_ok=True)
     with chromium() as browser:
-        good = [photograph(browser, place, folder) for place in places]
+        good = [photograph(browser, place, Path(folder), tabs=tabs) for place in places]
     return 0 if all(good) else 1
 
 

@@ -4,16 +4,19 @@ The pictures themselves are looked at by hand: python -m tests.browser.
 """
 
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from pipeline.report.html import TextTable, document, paragraph, table_html
 from pipeline.viewer.outputs.outputs import WebPage
 from pipeline.viewer.outputs.viewer_process import free_port, serve_page
 from tests import browser
-from tests.browser import DESK, PHONE, Heard, Screen
+from tests.browser import DESK, PHONE, Heard, Screen, tab_places
 
 needs_chromium = pytest.mark.skipif(bool(browser.missing()), reason=browser.missing())
 
@@ -37,6 +40,16 @@ def test_errors_are_complaints_and_warnings_are_not():
     for kind in ("error", "warning", "info"):
         browser.note_said(heard, kind, f"an {kind}")
     assert heard.complaints == ["an error"]
+
+
+@pytest.mark.parametrize("ground", [20, 250])
+def test_a_tab_is_ink_between_wide_gaps_on_a_dark_or_light_bar(ground: int):
+    bar = np.full((20, 200, 3), ground, dtype=np.uint8)
+    for left, right in ((10, 15), (19, 40), (60, 64), (68, 100)):  # sign and name of two tabs
+        bar[8:12, left:right] = 255 - ground
+    png = BytesIO()
+    Image.fromarray(bar).save(png, "PNG")
+    assert tab_places(png.getvalue(), (4, 16)) == pytest.approx([26, 81], abs=3)
 
 
 @needs_chromium

@@ -170,7 +170,7 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
             figures.stiffness_over_time(record),
             "Stiffness over time",
             "Stiffness over its nominal value after every window: median and 90 % interval"
-            + _prior_text(prior),
+            + _prior_text(None if posterior.structure == "uncertain" else prior),
         ),
         (
             figures.joint_posterior(posterior, record),
@@ -188,7 +188,8 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
     rhat = f", R-hat {posterior.rhat:.3f}" if posterior.rhat == posterior.rhat else ""
     fit = (
         f"{count_noun(posterior.n_windows, 'window')}; "
-        f"{percent(posterior.paired_share)} of the identified modes are modes of the model; "
+        f"{percent(posterior.paired_share)} of the identified modes within the model's range are "
+        "modes of the model; "
         f"reduced χ² of their frequencies "
         f"{posterior.reduced_chi_square:.2f}; {posterior.sampler}: {posterior.ess:.0f} effective "
         f"draws{rhat}. σ: relative discrepancy of the model."
@@ -205,7 +206,7 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
 
 
 def _prior_text(prior: PriorSettings | None) -> str:
-    if prior is None:
+    if prior is None:  # or, where the structure is inferred with the springs, no box
         return "."
     return f"; prior {prior.lowest_ratio:g} to {prior.highest_ratio:g}."
 

@@ -309,8 +309,14 @@ def structure_sentence(posterior: FoundationPosterior) -> str:
     return (
         f"The structure's figures are inferred with the springs ({alternatives}). Shares of the "
         f"variance of k11, k22 and k12: {'; '.join(parts)}. "
-        f"{percent(posterior.unpredicted_share)} of the modes are not what the others predict."
+        f"{_unpredicted(posterior.unpredicted_share)}"
     )
+
+
+def _unpredicted(share: float) -> str:
+    if share == 0:
+        return "Every mode is what the others predict."
+    return f"{percent(share)} of the modes are not what the others predict."
 
 
 def axis_words(record: TurbineRecord) -> str:

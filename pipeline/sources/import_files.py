@@ -126,7 +126,7 @@ def open_measurement(
         raise FileError(STANDING_STAMPS.format(path=files[0].path))
     if rate is None:
         raise FileError(
-            f"{files[0].path} says neither its sampling rate nor the time of its samples: give "
+            f"{files[0].path} states neither its sampling rate nor the time of its samples: give "
             "--sampling-rate HZ"
         )
     return Measurement(

@@ -210,8 +210,13 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
             raise SourceError(
                 f"--scenario {scenario} and --source {text} name two scenarios; leave one out"
             )
-        return simulated(load_scenario(name or scenario or DEFAULT_SCENARIO))
-    if kind == "live" and not name:
+        if not (name or scenario):
+            raise SourceError(
+                f"--source {text}: which scenario? simulate:NAME or simulate:FILE.toml; "
+                "`pilewatch simulate --list` names the shipped ones"
+            )
+        return simulated(load_scenario(name or scenario or ""))
+    if text == "live":
         if scenario is None:
             report_modes_only("live")
         chosen = load_scenario(scenario or MODES_ONLY)
@@ -224,8 +229,11 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
             f"--source {text} is a file of measurements; `pilewatch import` makes a recording of "
             "it, which replay:FILE.mcap names"
         )
+    if kind == "replay":
+        raise SourceError(f"--source {text}: which recording? replay:FILE.mcap or replay:FOLDER")
     raise SourceError(
-        f"--source {text!r} is none of replay:FILE, simulate:SCENARIO, live and a file that exists"
+        f"--source {text!r} is none of replay:FILE, simulate:SCENARIO, live, the address of an "
+        "instrument (mqtt://HOST/TOPIC, …) and a file that exists"
     )
 
 

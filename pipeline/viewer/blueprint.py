@@ -165,7 +165,7 @@ def _joint(root: str) -> rrb.Spatial2DView:
 def _pile(root: str) -> rrb.Spatial2DView:
     return plane(
         f"{root}/foundation/pile",
-        "Mudline under 1 MN at the top: nominal orange, posterior purple",
+        "Mudline under 1 MN: nominal orange, posterior purple",
         [-1.35, 1.35],
         [-2.25, 1.25],
     )

@@ -163,7 +163,7 @@ class StructuralModel:
         if not bottom - 1e-9 <= elevation <= top + 1e-9:
             raise TurbineError(
                 f"elevation {elevation:g} m is outside the tower of {self.description.name}, "
-                f"{bottom:g} to {top:g} m"
+                f"{bottom:g} to {top:g} m; correct it under [sensors] elevations or in the layout"
             )
         last = len(self.elevations) - 2
         element = int(np.clip(np.searchsorted(self.elevations, elevation) - 1, 0, last))

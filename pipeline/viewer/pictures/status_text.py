@@ -204,11 +204,12 @@ class SessionStatus:
         return ["#### Windows", "\n".join(lines)]
 
     def _rejected_line(self) -> str:
-        """'- 7 rejected: 3 × gap, 4 × constant; the last 5:'."""
+        """'- 7 rejected, or identified and not used: 3 × gap, …; the last 5:'."""
         if not self.n_rejected:
             return "- 0 rejected"
         listed = f"; the last {_LISTED}:" if self.n_rejected > _LISTED else ""
-        return f"- {self.n_rejected} rejected: {codes_in_words(self._state.rejections)}{listed}"
+        codes = codes_in_words(self._state.rejections)  # some of windows that count as identified
+        return f"- {self.n_rejected} rejected, or identified and not used: {codes}{listed}"
 
     def _warnings(self) -> list[str]:
         results = (self._state.estimate, self._state.posterior)

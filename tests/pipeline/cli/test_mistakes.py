@@ -19,6 +19,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("run --source gone.csv", "'gone.csv' is none of"),
     ("run --source replay:text.mcap", "text.mcap"),
     ("run --source replay:noise.csv", "noise.csv"),
+    ("run --source simulate:", "which scenario?"),
     ("run --source simulate:parkd", "'parkd' is neither a file nor one of the shipped ones"),
     ("run --source simulate:parked --scenario tide", "name two scenarios"),
     ("run --source simulate:parked --speed 0", "--speed 0"),
@@ -176,6 +177,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("publish --source short.mcap", "--source replay:short.mcap replays it"),
     ("publish --source noise.csv", "`pilewatch import` makes a recording"),
     ("publish --source simulate:parked --speed fast", "--speed fast"),
+    ("publish --source simulate:", "which scenario?"),
     # node
     ("node", "Missing argument 'name"),
     ("node recorder --out noise.csv", "--out noise.csv: File exists; a folder is needed"),

@@ -19,10 +19,11 @@ from pipeline.report.figures_json import session_json
 from pipeline.report.page import _provenance, page, write_page
 from pipeline.report.recorded_session import RecordedSession, read_session
 from pipeline.report.wording import between_instants
+from pipeline.updating.prior import PriorSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 from tests.pipeline.example_messages import LAYOUT, START_NS, block
-from tests.pipeline.report.example_session import estimate, recorded, session
+from tests.pipeline.report.example_session import estimate, posterior, recorded, session
 from tests.pipeline.report.test_html import assert_stands_alone
 
 PAGE = Path(__file__).parents[2] / "golden" / "page.txt"
@@ -200,6 +201,17 @@ def test_without_a_structure_the_report_is_of_modes_and_has_no_sentence_on_stiff
     assert "Mode shapes" in text
     for word in ("tiffness", "posterior", "Foundation", "misfit"):
         assert word not in text
+
+
+def test_a_box_of_the_prior_is_named_only_where_there_is_one(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    for structure, is_named in (("exact", True), ("uncertain", False)):
+        path = recorded(
+            tmp_path / f"{structure}.mcap",
+            [LAYOUT, estimate(0), replace(posterior(0), structure=structure)],
+        )
+        text = page(replace(read_session(path), prior=PriorSettings()))
+        assert ("prior 0.25 to 4" in text) == is_named
 
 
 def test_without_a_clock_times_are_counted_from_the_start(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from pipeline.report.sentences import (
     findings,
     headline,
     reasons_for_distrust,
+    structure_sentence,
 )
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, rejection
 from tests.pipeline.report.example_session import (
@@ -141,3 +142,14 @@ def test_intervals_that_touch_do_not_differ(low: float, high: float, differ: boo
     one = ParameterSummary("k11", "N/m", nominal=1.0, median=1.0, p05=0.9, p95=1.1)
     other = replace(one, p05=low, p95=high)
     assert _intervals_differ(one, other) == _intervals_differ(other, one) == differ
+
+
+@pytest.mark.parametrize(
+    ("share", "sentence"),
+    [(0.0, "Every mode is what the others predict."), (0.056, "5.6 % of the modes are not what")],
+)
+def test_modes_that_the_others_do_not_predict_are_a_share_or_none(
+    share: float, sentence: str
+) -> None:
+    published = replace(posterior(0), structure="uncertain", unpredicted_share=share)
+    assert sentence in structure_sentence(published)

@@ -80,6 +80,22 @@ def test_a_scenario_beside_a_simulated_one_is_refused() -> None:
     assert open_source("simulate", "tide").scenario.name == "tide"
 
 
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("simulate:", "which scenario?"),
+        ("simulate", "which scenario?"),
+        ("replay:", "which recording?"),
+        ("replay", "which recording?"),
+        ("live:", "is none of"),
+        ("mqtt:", "the address of an instrument"),
+    ],
+)
+def test_a_source_without_its_name_is_refused(text: str, complaint: str) -> None:
+    with pytest.raises(SourceError, match=complaint.replace("?", r"\?")):
+        open_source(text)
+
+
 def test_turbines_are_a_recordings_or_the_scenarios() -> None:
     scenario = open_source("simulate", "farm")
     assert len(scenario.turbines) == scenario.scenario.farm.turbines > 1

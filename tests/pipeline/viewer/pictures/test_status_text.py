@@ -50,7 +50,7 @@ def test_only_the_newest_rejections_are_listed_but_all_are_counted():
     for window in range(1000):
         status.take(rejection(window))
     text = status.health_markdown()
-    assert "1000 rejected: 1000 × gap; the last 5:" in text
+    assert "1000 rejected, or identified and not used: 1000 × gap; the last 5:" in text
     assert text.count("gap of 60.0 s") == 5
 
 

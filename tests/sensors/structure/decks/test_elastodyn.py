@@ -1,5 +1,6 @@
 """A turbine from OpenFAST's files has the sections and the frequencies of its definition."""
 
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -91,6 +92,10 @@ def test_the_oc3_monopile_has_the_first_frequency_of_its_code_comparison(
     model = ModalModel(oc3, layout)
     frequencies = np.sort(model.modal(model.nominal[None]).frequencies[0])
     assert 0.265 < frequencies[0] < frequencies[1] < 0.282
+    light = ModalModel(replace(oc3, gravity=1e-4), layout)
+    without = np.sort(light.modal(light.nominal[None]).frequencies[0])
+    assert 0.276 < without[0] < without[1] < 0.28
+    np.testing.assert_allclose(frequencies[:2] / without[:2], 0.98, atol=0.005)
 
 
 def test_the_text_is_read_again_as_the_same_structure(oc3: TurbineDescription) -> None:
