@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.linalg import LinAlgError, eigh
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
 from sensors.arrays import FloatArray
@@ -34,17 +34,27 @@ class SparseStack:
 
     def __init__(self, matrices: Sequence[csr_array]) -> None:
         self._matrices = tuple(matrices)
-        self._n = matrices[0].shape[0] if matrices else 0
-        if matrices:
-            self._rows = vstack([m.reshape((1, self._n**2)) for m in matrices]).tocsr()
+        self._shape = matrices[0].shape if matrices else (0, 0)
+        pattern = csr_array(self._shape)
+        for matrix in matrices:
+            pattern = pattern + abs(matrix)
+        pattern.sort_indices()
+        self._indices, self._starts = pattern.indices, pattern.indptr
+        rows = np.repeat(np.arange(self._shape[0]), np.diff(self._starts))
+        entries = [matrix[rows, self._indices] for matrix in matrices]
+        self._entries = np.array([np.asarray(each).ravel() for each in entries])
 
     def __len__(self) -> int:
         return len(self._matrices)
 
     def summed(self, weights: FloatArray) -> csr_array:
-        """Σ_j w_j A_j"""
-        total = csr_array(weights[None, :]) @ self._rows
-        return total.reshape((self._n, self._n)).tocsr()
+        """Σ_j w_j A_j: of the entries that any of them has, one matrix after the other."""
+        entries = np.zeros(len(self._indices))
+        for weight, more in zip(weights.tolist(), self._entries, strict=True):
+            entries += weight * more
+        total = csr_array((entries, self._indices.copy(), self._starts.copy()), shape=self._shape)
+        total.eliminate_zeros()
+        return total
 
     def congruent(self, basis: FloatArray) -> FloatArray:
         """Vᵀ A_j V of each, (n_matrices, m, m)."""

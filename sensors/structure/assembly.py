@@ -7,6 +7,7 @@ Source of the mesh: [foundation-updating] §3.1; what is not stated there stands
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -116,27 +117,40 @@ def _number_dofs(turbine: TurbineDescription) -> tuple[IndexArray, IndexArray, I
 
 
 def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexArray) -> None:
-    compression = _compression(turbine)
-    for i, tube in enumerate(turbine.tubes):
-        bending = beam.bending_stiffness(tube.bending_rigidity, tube.length)
-        bending += beam.geometric_stiffness(-compression[i][0], -compression[i][1], tube.length)
-        wet = wetted_share(tube, turbine.water)
-        mass = beam.bending_mass(tube.mass_per_length, tube.length)
-        mass += beam.bending_mass(added_mass(tube, turbine.water), tube.length, end=wet)
-        overgrown = overgrown_share(tube, turbine.water)
-        mass += beam.bending_mass(growth_mass(tube, turbine.water), tube.length, end=overgrown)
-        for plane in PLANE_COLUMNS.values():
-            system.add(tower_dofs[i : i + 2, plane].ravel(), mass=mass, stiffness=bending)
-        system.add(
-            tower_dofs[i : i + 2, HEAVE],
-            mass=beam.rod_mass(tube.mass_per_length, tube.length),
-            stiffness=beam.rod_stiffness(tube.youngs_modulus * tube.area, tube.length),
-        )
-        system.add(
-            tower_dofs[i : i + 2, TWIST],
-            mass=beam.rod_mass(2 * tube.density * tube.second_moment, tube.length),
-            stiffness=beam.rod_stiffness(tube.torsional_rigidity, tube.length),
-        )
+    for i, (tube, compression) in enumerate(zip(turbine.tubes, _compression(turbine), strict=True)):
+        overgrown = overgrown_share(tube, turbine.water), growth_mass(tube, turbine.water)
+        wetted = wetted_share(tube, turbine.water), added_mass(tube, turbine.water)
+        mass, stiffness = _tube_matrices(tube, compression, wetted, overgrown)
+        system.add(tower_dofs[i : i + 2].ravel(), mass=mass, stiffness=stiffness)
+
+
+@lru_cache(maxsize=4096)  # a structure is assembled a hundred times with nearly the same tubes
+def _tube_matrices(
+    tube: Tube,
+    compression: tuple[float, float],
+    wetted: tuple[float, float],
+    overgrown: tuple[float, float],
+) -> tuple[FloatArray, FloatArray]:
+    """(12, 12) mass and stiffness of a tube under a compression at its bottom and its top [N].
+
+    wetted, overgrown    share of its length from below [-] and mass of what is there [kg/m]
+    """
+    bending = beam.bending_stiffness(tube.bending_rigidity, tube.length)
+    bending += beam.geometric_stiffness(-compression[0], -compression[1], tube.length)
+    moving = beam.bending_mass(tube.mass_per_length, tube.length)
+    for share, mass_per_length in (wetted, overgrown):
+        moving += beam.bending_mass(mass_per_length, tube.length, end=share)
+    mass, stiffness = np.zeros((12, 12)), np.zeros((12, 12))
+    dofs = np.arange(12).reshape(2, 6)
+    for plane in PLANE_COLUMNS.values():
+        where = np.ix_(dofs[:, plane].ravel(), dofs[:, plane].ravel())
+        mass[where], stiffness[where] = moving, bending
+    along, around = (np.ix_(dofs[:, column], dofs[:, column]) for column in (HEAVE, TWIST))
+    mass[along] = beam.rod_mass(tube.mass_per_length, tube.length)
+    stiffness[along] = beam.rod_stiffness(tube.youngs_modulus * tube.area, tube.length)
+    mass[around] = beam.rod_mass(2 * tube.density * tube.second_moment, tube.length)
+    stiffness[around] = beam.rod_stiffness(tube.torsional_rigidity, tube.length)
+    return mass, stiffness
 
 
 def _add_point_masses(system: _System, turbine: TurbineDescription, tower_dofs: IndexArray) -> None:

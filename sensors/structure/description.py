@@ -133,6 +133,8 @@ class TurbineDescription:
         """Return the same turbine with every tube cut into `times` equal ones; blades unchanged."""
         if times < 1:
             raise TurbineError(f"tube refinement is {times}; 1 or more is needed")
+        if times == 1:
+            return self
         return replace(self, tubes=tuple(part for tube in self.tubes for part in _cut(tube, times)))
 
     def meshed(self) -> "TurbineDescription":
