@@ -4,8 +4,12 @@ For tests of what becomes of a window (its fate, its order, its channels, its po
 the same samples again under other stamps, in another order, from a file or after a restart. What
 the identification itself returns is tested elsewhere, without this. Windows and their dear parts
 are kept by the content of all that they are given: another bit is another answer.
+
+The reduced models of a structure and its figures, which every session needs, are kept likewise for
+all tests; those of what such a model is build their own.
 """
 
+import fcntl
 import os
 import pickle
 from collections.abc import Callable, Iterator
@@ -21,6 +25,7 @@ import pytest
 
 from pipeline.nodes import window_identification
 from pipeline.oma import identification, streaming
+from pipeline.updating.structural import inference
 
 STEPS = {  # functions of arrays and settings alone, where they are called: a window, its dear parts
     window_identification: ("identify",),
@@ -39,6 +44,15 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def structures_once(answers: Path) -> Iterator[None]:
+    """Seconds for each of a turbine and its sensors."""
+    with pytest.MonkeyPatch.context() as patch:
+        made = partial(_remembered, answers, inference.FigureModel)
+        patch.setattr(inference, "FigureModel", made)
+        yield
+
+
 @pytest.fixture(scope="module")
 def identified_once(answers: Path) -> Iterator[None]:
     """For `pytestmark = pytest.mark.usefixtures("identified_once")`."""
@@ -55,11 +69,14 @@ def identified_before(answers: Path) -> Iterator[None]:
 
 @contextmanager
 def remembering(answers: Path) -> Iterator[None]:
-    """Take from the folder what was identified before, and add what was not."""
+    """Take from the folder what was identified before, and add what was not; also within another
+    of these."""
     with pytest.MonkeyPatch.context() as patch:
         for module, names in STEPS.items():
             for name in names:
-                patch.setattr(module, name, partial(_remembered, answers, getattr(module, name)))
+                step = getattr(module, name)
+                if not isinstance(step, partial):
+                    patch.setattr(module, name, partial(_remembered, answers, step))
         yield
 
 
@@ -67,13 +84,15 @@ def _remembered(answers: Path, step: Callable[..., Any], *arguments: Any, **name
     """The answer to these arguments, computed the first time."""
     asked = (step.__qualname__, arguments, tuple(sorted(named.items())))
     file = answers / blake2b(repr(_content(asked)).encode()).hexdigest()[:32]
-    if file.exists():
-        return pickle.loads(file.read_bytes())
-    answer = step(*arguments, **named)
-    part = file.with_suffix(f".{os.getpid()}")
-    part.write_bytes(pickle.dumps(answer))
-    part.rename(file)
-    return answer
+    with file.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if file.exists():
+            return pickle.loads(file.read_bytes())
+        answer = step(*arguments, **named)
+        part = file.with_suffix(f".{os.getpid()}")
+        part.write_bytes(pickle.dumps(answer))
+        part.rename(file)
+        return answer
 
 
 def _content(argument: Any) -> object:

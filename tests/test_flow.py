@@ -21,6 +21,7 @@ from pipeline.run.run import run_session
 from pipeline.scenario import scenario_from_text
 from pipeline.sources.sources import record_simulation, replayed, replayed_with_structure, simulated
 from sensors.acquisition.blocks import AccelerationBlock
+from tests.identified_once import remembering
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +35,10 @@ def sessions(
         options = SessionOptions(out=folders[way], way=way, rrd=way == "threads")
         run_session(replayed(short_recording), options)
     return folders
+
+
+def session_of(recording: Path, out: Path, way: Way = "lock-step") -> None:
+    run_session(replayed(recording), SessionOptions(out=out, way=way, rrd=False))
 
 
 def posteriors(folder: Path) -> list[FoundationPosterior]:
@@ -84,8 +89,7 @@ def test_a_session_loses_nothing_and_says_so(sessions: dict[str, Path]) -> None:
 def test_the_recorded_session_can_be_replayed_to_the_same_posterior(
     sessions: dict[str, Path], tmp_path: Path
 ) -> None:
-    session = replayed(sessions["threads"] / "session.mcap")
-    run_session(session, SessionOptions(out=tmp_path, way="lock-step", rrd=False))
+    session_of(sessions["threads"] / "session.mcap", tmp_path)
     again, first = posteriors(tmp_path), posteriors(sessions["lock-step"])
     np.testing.assert_array_equal(again[-1].draws, first[-1].draws)
 
@@ -158,16 +162,16 @@ uncertain = "exact"
 
 
 def test_two_units_give_the_same_posterior_in_lock_step_over_zenoh_and_replayed(
-    tmp_path: Path,
+    tmp_path: Path, answers: Path
 ) -> None:
+    """What is replayed is what the run in threads recorded; its windows go by their samples."""
     recording = tmp_path / "two.mcap"
     record_simulation(simulated(scenario_from_text(TWO_UNITS, "two.toml")), recording)
-    for way in ("lock-step", "threads"):
-        run_session(replayed(recording), SessionOptions(out=tmp_path / way, way=way, rrd=False))
-    run_session(
-        replayed(tmp_path / "threads" / "session.mcap"),
-        SessionOptions(out=tmp_path / "again", way="lock-step", rrd=False),
-    )
+    with remembering(answers):
+        session_of(recording, tmp_path / "lock-step")
+    session_of(recording, tmp_path / "threads", way="threads")
+    with remembering(answers):
+        session_of(tmp_path / "threads" / "session.mcap", tmp_path / "again")
     (reference,) = posteriors(tmp_path / "lock-step")
     for folder in ("threads", "again"):
         (posterior,) = posteriors(tmp_path / folder)

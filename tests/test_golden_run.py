@@ -40,6 +40,8 @@ VERSIONS = ("numpy", "scipy", "emcee", "protobuf")
 FREQUENCY_TOLERANCE = 1e-3  # of another BLAS: rounding moves which pole represents a mode [-]
 MEDIAN_TOLERANCE = 0.01  # of another BLAS: other pairs near a threshold, other draws [-]
 
+# Windows of the recording that another test has identified are taken from it, to the bit.
+pytestmark = pytest.mark.usefixtures("identified_once")
 
 NAMES = ("parked", "bad-sensors", "tide")
 

@@ -18,6 +18,10 @@ README = ROOT / "README.md"
 PAGES = ROOT / "docs" / "pages"
 
 
+# Windows of the recording that another test has identified are taken from it, to the bit.
+pytestmark = pytest.mark.usefixtures("identified_once")
+
+
 def code_blocks(language: str, page: Path = README) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
 
@@ -90,6 +94,7 @@ def test_the_readme_is_one_page() -> None:
     assert len(README.read_text(encoding="utf-8").splitlines()) <= 150
 
 
+@pytest.mark.nightly  # the examples, links and generated pages have tests of their own
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs_gen_files", reason="the extra `docs` is not installed")
     pytest.importorskip("mkdocstrings", reason="the extra `docs` is not installed")

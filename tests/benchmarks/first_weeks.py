@@ -89,10 +89,19 @@ def inference_of(turbine: TurbineDescription) -> JointInference:
     return found
 
 
-def calibration(
-    inference: JointInference, modal: Sequence[ModalEstimate], sign: SpringSign
-) -> Calibration:
-    """As `pilewatch calibrate` makes it from these estimates."""
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstPeriod:
+    """What the windows under tides report."""
+
+    whole: ModalEvidence
+    levels: list[tuple[float, ModalEvidence]]
+    """Rise of the water [m] and the windows at it, rising."""
+    found: JointRefresh
+    """Of the whole."""
+
+
+def first_period(inference: JointInference, modal: Sequence[ModalEstimate]) -> FirstPeriod:
+    """The joint posterior of these estimates and the evidence at each level."""
     windows = [
         SeenWindow.of(each, sightings(each, LAYOUT.channel_names), each.water_level)
         for each in modal
@@ -100,8 +109,13 @@ def calibration(
     whole, levels = evidence_by_level(windows, ModalEvidence(channels=LAYOUT.channel_names))
     found = joint_refresh(inference, whole, (), np.random.default_rng(0))
     assert found is not None
+    return FirstPeriod(whole, levels, found)
+
+
+def calibration(inference: JointInference, period: FirstPeriod, sign: SpringSign) -> Calibration:
+    """As `pilewatch calibrate` makes it of the period."""
     stds = prior_stds(inference.prior, inference.fits[0][1].sensors)
-    alternatives = calibrated(found.result, levels)
+    alternatives = calibrated(period.found.result, period.levels)
     return calibration_of(alternatives, stds, springs_sign=sign, source="drawn")
 
 
@@ -133,7 +147,7 @@ def before_and_after(
     inference = inference_of(turbine)
     truth, modal = drawn(seed, sign, n_windows)
     started = time.process_time()
-    section = calibration(inference, modal[:-LATER], sign)
+    section = calibration(inference, first_period(inference, modal[:-LATER]), sign)
     seconds = time.process_time() - started
     later = inference_of(replace(turbine, calibration=section))
     return (

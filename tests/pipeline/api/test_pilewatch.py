@@ -13,6 +13,7 @@ from pipeline.recording.reader import read_messages
 from tests.pipeline.state.test_posterior_json import POSTERIOR
 
 pw = pytest.importorskip("pilewatch", reason="the project is not installed")
+pytestmark = pytest.mark.usefixtures("identified_once")
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +23,7 @@ def measurement(short_recording: Path) -> "pw.Measurement":
 
 @pytest.fixture(scope="module")
 def modes(measurement: "pw.Measurement") -> "pw.Modes":
-    return pw.identify(measurement, window=120.0)
+    return pw.identify(measurement.between(0.0, 120.0), window=120.0)
 
 
 @pytest.fixture(scope="module")

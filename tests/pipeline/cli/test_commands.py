@@ -20,6 +20,8 @@ from pipeline.cli import ConsoleHandler, main
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from sensors.structure.description import shipped_text
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 
 @dataclass(frozen=True)
 class Finished:

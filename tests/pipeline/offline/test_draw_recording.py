@@ -15,6 +15,8 @@ from sensors.errors import InputError
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import DESCRIPTION, Episode, session
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 EPISODE = Episode(n_windows=2, rejected=(1,))
 
 

@@ -15,6 +15,8 @@ from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
 from sensors.structure.description import shipped_text
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 RATE = 20.0  # [Hz]
 
 

@@ -9,6 +9,8 @@ from pipeline.oma.identification import identify
 from pipeline.report.stabilisation import draw_stabilisation, spectral_singular_values
 from sensors.errors import InputError
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 RATE = 20.0  # [Hz]
 
 

@@ -21,6 +21,8 @@ from pipeline.viewer.outputs.outputs import ConnectedViewer
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 
 def test_an_earlier_session_is_set_aside_under_its_date(
     tmp_path: Path, short_recording: Path

@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import SeenWindow, sightings
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
@@ -14,9 +12,7 @@ from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.structural.periods.calibration import (
     DesignSprings,
     calibrated,
-    evidence_by_level,
 )
-from pipeline.updating.structural.refresh import joint_refresh
 from pipeline.updating.structural.settings import UNCERTAIN, structure_settings
 from sensors.errors import InputError
 from sensors.structure.calibration import AlternativeFigures, Calibration
@@ -24,9 +20,12 @@ from sensors.structure.description import load_turbine
 from tests.benchmarks.first_weeks import (
     LATER,
     LAYOUT,
+    Answer,
+    FirstPeriod,
     answer,
     calibration,
     drawn,
+    first_period,
     inference_of,
     refreshed,
 )
@@ -46,42 +45,42 @@ def first_days():
 
 
 @pytest.fixture(scope="module")
-def section(inference, first_days) -> Calibration:
-    return calibration(inference, first_days[1][:-LATER], "published")
+def period(inference, first_days) -> FirstPeriod:
+    return first_period(inference, first_days[1][:-LATER])
 
 
-def windows_of(modal):
-    names = LAYOUT.channel_names
-    return [SeenWindow.of(each, sightings(each, names), each.water_level) for each in modal]
+@pytest.fixture(scope="module")
+def section(inference, period) -> Calibration:
+    return calibration(inference, period, "published")
 
 
-def test_the_tide_narrows_the_later_intervals(inference, first_days, section) -> None:
+@pytest.fixture(scope="module")
+def before(inference, first_days) -> Answer:
+    """By the later windows alone."""
     truth, modal = first_days
-    before = answer(refreshed(inference, modal[-LATER:]), truth)
+    return answer(refreshed(inference, modal[-LATER:]), truth)
+
+
+def test_the_tide_narrows_the_later_intervals(first_days, before, section) -> None:
+    truth, modal = first_days
     later = inference_of(replace(TURBINE, calibration=section))
     after = answer(refreshed(later, modal[-LATER:]), truth)
     assert np.all(after.half_width < 0.8 * before.half_width)
     assert all(after.held)
 
 
-def test_a_period_at_one_level_reports_less_than_one_of_tides(inference, first_days) -> None:
-    whole, levels = evidence_by_level(
-        windows_of(first_days[1][:-LATER]), ModalEvidence(channels=LAYOUT.channel_names)
-    )
-    found = joint_refresh(inference, whole, (), np.random.default_rng(0))
-    assert found is not None
-    middle = min(levels, key=lambda level: abs(level[0]))
-    by_tide = calibrated(found.result, levels)[0]
-    still = calibrated(found.result, [middle])[0]
+def test_a_period_at_one_level_reports_less_than_one_of_tides(period) -> None:
+    middle = min(period.levels, key=lambda level: abs(level[0]))
+    by_tide = calibrated(period.found.result, period.levels)[0]
+    still = calibrated(period.found.result, [middle])[0]
     added_mass = by_tide.names.index("added_mass")
     assert (
         by_tide.covariance[added_mass, added_mass] < 0.5 * still.covariance[added_mass, added_mass]
     )
 
 
-def test_levels_share_tracks_and_hold_every_window_once(first_days) -> None:
-    windows = windows_of(first_days[1][:-LATER])
-    whole, levels = evidence_by_level(windows, ModalEvidence(channels=LAYOUT.channel_names))
+def test_levels_share_tracks_and_hold_every_window_once(period) -> None:
+    whole, levels = period.whole, period.levels
     assert whole.n_windows == WINDOWS
     assert sum(evidence.n_windows for _, evidence in levels) <= WINDOWS
     rises = [rise for rise, _ in levels]
@@ -92,10 +91,9 @@ def test_levels_share_tracks_and_hold_every_window_once(first_days) -> None:
         assert {m.unit_component for m in seen} <= {mode.unit_component}
 
 
-def test_a_design_of_the_springs_moves_them_and_the_figures(inference, first_days) -> None:
+def test_a_design_of_the_springs_moves_them_and_the_figures(inference, first_days, before) -> None:
     truth, modal = first_days
     design = DesignSprings(tuple(truth.theta.tolist()), 0.02)
-    before = answer(refreshed(inference, modal[-LATER:]), truth)
     after = answer(refreshed(inference.with_springs(design.belief), modal[-LATER:]), truth)
     assert np.all(after.half_width < before.half_width)
     assert after.half_width[0] < 3.5  # 1.645 × 2 % by the design alone
