@@ -1,9 +1,9 @@
-"""The joint prior of springs and figures, in coordinates in which it is standard normal or flat.
+"""The joint prior of springs and figures, in coordinates in which it is normal.
 
     u = (ln k11/k11⁰, ln k22/k22⁰, logit c², z_1 … z_q, z_level, z_sensors),   c² = k12² / (k11 k22)
 
-The springs are flat in u within the box of `PriorSettings`, and every u is positive definite. A
-figure is the quantile of its prior at Φ(z): a Gaussian copula, whatever its own distribution.
+The springs' prior is wide (`SPRING_STDS`) and every u is positive definite. A figure is the
+quantile of its prior at Φ(z): a Gaussian copula, whatever its own distribution.
 """
 
 from collections.abc import Sequence
