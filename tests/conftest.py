@@ -105,14 +105,14 @@ def short_recording(tmp_path_factory: pytest.TempPathFactory, short_scenario: Sc
 
 @pytest.fixture(scope="session")
 def short_session(
-    tmp_path_factory: pytest.TempPathFactory, short_recording: Path, answers: Path
+    tmp_path_factory: pytest.TempPathFactory, short_recording: Path, identified_answers: Path
 ) -> Path:
     """The session of that recording: modes, posteriors and events beside the samples."""
     from tests.identified_once import remembering  # a plugin: pytest rewrites what it imports
 
     def make(folder: Path) -> None:
         options = SessionOptions(folder, way="lock-step", rrd=False)
-        with remembering(answers):
+        with remembering(identified_answers):
             run_session(replayed(short_recording), options)
 
     return made_once(tmp_path_factory, "session", make) / "session.mcap"

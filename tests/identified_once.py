@@ -35,7 +35,7 @@ STEPS = {  # functions of arrays and settings alone, where they are called: a wi
 
 
 @pytest.fixture(scope="session")
-def answers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def identified_answers(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of what was identified in this run of the suite, by any of its processes."""
     base = tmp_path_factory.getbasetemp()
     base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base  # what processes share
@@ -45,25 +45,25 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def structures_once(answers: Path) -> Iterator[None]:
+def structures_once(identified_answers: Path) -> Iterator[None]:
     """Seconds for each of a turbine and its sensors."""
     with pytest.MonkeyPatch.context() as patch:
-        made = partial(_remembered, answers, inference.FigureModel)
+        made = partial(_remembered, identified_answers, inference.FigureModel)
         patch.setattr(inference, "FigureModel", made)
         yield
 
 
 @pytest.fixture(scope="module")
-def identified_once(answers: Path) -> Iterator[None]:
+def identified_once(identified_answers: Path) -> Iterator[None]:
     """For `pytestmark = pytest.mark.usefixtures("identified_once")`."""
-    with remembering(answers):
+    with remembering(identified_answers):
         yield
 
 
 @pytest.fixture
-def identified_before(answers: Path) -> Iterator[None]:
+def identified_before(identified_answers: Path) -> Iterator[None]:
     """The same for one test, after the fixtures of its module."""
-    with remembering(answers):
+    with remembering(identified_answers):
         yield
 
 

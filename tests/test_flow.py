@@ -162,15 +162,15 @@ uncertain = "exact"
 
 
 def test_two_units_give_the_same_posterior_in_lock_step_over_zenoh_and_replayed(
-    tmp_path: Path, answers: Path
+    tmp_path: Path, identified_answers: Path
 ) -> None:
     """What is replayed is what the run in threads recorded; its windows go by their samples."""
     recording = tmp_path / "two.mcap"
     record_simulation(simulated(scenario_from_text(TWO_UNITS, "two.toml")), recording)
-    with remembering(answers):
+    with remembering(identified_answers):
         session_of(recording, tmp_path / "lock-step")
     session_of(recording, tmp_path / "threads", way="threads")
-    with remembering(answers):
+    with remembering(identified_answers):
         session_of(tmp_path / "threads" / "session.mcap", tmp_path / "again")
     (reference,) = posteriors(tmp_path / "lock-step")
     for folder in ("threads", "again"):

@@ -38,7 +38,8 @@ RECORDING = Path(__file__).parents[1] / "recordings" / "parked.mcap"
 HALF_AN_HOUR = 1800.0  # [s]
 VERSIONS = ("numpy", "scipy", "emcee", "protobuf")
 FREQUENCY_TOLERANCE = 1e-3  # of another BLAS: rounding moves which pole represents a mode [-]
-MEDIAN_TOLERANCE = 0.01  # of another BLAS: other pairs near a threshold, other draws [-]
+MEDIAN_TOLERANCE = 0.15  # of another BLAS: a mode whose pole is another one, of half a 90 %
+# interval; a window whose pairs are the same moves by 1e-6 of it [-]
 
 # Windows of the recording that another test has identified are taken from it, to the bit.
 pytestmark = pytest.mark.usefixtures("identified_once")
@@ -69,6 +70,7 @@ class Witness:
         self._counts: Counter[str] = Counter()
         self._frequencies: list[list[float]] = []
         self._medians: list[list[float]] = []
+        self._half_widths: list[list[float]] = []
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Count and hash the message."""
@@ -79,7 +81,9 @@ class Witness:
             self._frequencies.append([mode.frequency for mode in message.modes])
         if isinstance(message, FoundationPosterior):
             self._hashes["draws"].update(np.ascontiguousarray(message.draws).tobytes())
-            self._medians.append([each.median for each in message.parameters[:3]])
+            springs = message.parameters[:3]
+            self._medians.append([each.median for each in springs])
+            self._half_widths.append([(each.p95 - each.p05) / 2 for each in springs])
         return ()
 
     def close(self) -> None:
@@ -93,6 +97,7 @@ class Witness:
             "sha256": {name: h.hexdigest() for name, h in sorted(self._hashes.items())},
             "frequencies": self._frequencies,
             "medians": self._medians,
+            "half_widths": self._half_widths,
         }
 
 
@@ -113,9 +118,11 @@ def machine() -> dict[str, str]:
     kernels = sorted(
         {str(i.get("architecture")) for i in threadpool_info() if i["user_api"] == "blas"}
     )
+    vectors = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
     return {
         "processor": platform.machine(),
         "blas": ", ".join(kernels),
+        "numpy vectors": vectors[-1] if vectors else "",
         "python": ".".join(platform.python_version_tuple()[:2]),
     } | {name: version(name) for name in VERSIONS}
 
@@ -133,7 +140,11 @@ def test_a_run_gives_the_same_messages_as_before(name: str) -> None:
     for ours, theirs in zip(now["frequencies"], before["frequencies"], strict=True):
         nearest = [min(abs(f / g - 1) for g in ours) for f in theirs]
         assert np.mean(np.array(nearest) < FREQUENCY_TOLERANCE) > 0.9
-    np.testing.assert_allclose(now["medians"], before["medians"], rtol=MEDIAN_TOLERANCE)
+    moved = np.subtract(now["medians"], before["medians"]) / before["half_widths"]
+    assert np.abs(moved).max() < MEDIAN_TOLERANCE
+    np.testing.assert_allclose(
+        np.log(now["half_widths"]), np.log(before["half_widths"]), atol=MEDIAN_TOLERANCE
+    )
 
 
 def renew() -> None:

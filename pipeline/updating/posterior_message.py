@@ -112,11 +112,18 @@ def relative_stiffness(
     )
 
 
-def spring_summaries(drawn: FloatArray, prior: Prior) -> tuple[ParameterSummary, ...]:
-    """Quantiles of every draw, k in its own unit."""
+def spring_summaries(
+    drawn: FloatArray, prior: Prior, intervals: FloatArray | None = None
+) -> tuple[ParameterSummary, ...]:
+    """Quantiles of every draw, k in its own unit.
+
+    intervals   (3,) width of the springs' 90 % intervals beforehand, over nominal; None: those of
+                the prior's box
+    """
     values = drawn * np.append(prior.nominal, 1.0)
     bounds = prior.settings
-    extents = [bounds.highest_ratio - bounds.lowest_ratio] * 3 + [bounds.highest_sigma]
+    box = np.full(3, bounds.highest_ratio - bounds.lowest_ratio)
+    extents = [*(box if intervals is None else intervals / 0.9).tolist(), bounds.highest_sigma]
     quantiles = np.sort(np.quantile(values, [0.05, 0.5, 0.95], axis=0), axis=0)
     return tuple(
         ParameterSummary(

@@ -67,7 +67,7 @@ def joint_message(
     comparison = best.peak.comparison
     shown = model.modal(model.theta_reference)
     pairs = _pairs(found, model)
-    parameters = spring_summaries(now, prior)
+    parameters = spring_summaries(now, prior, best.fit.coordinates.spring_intervals())
     doubts = distrust(found, guards)
     return FoundationPosterior(
         turbine=estimate.turbine,

@@ -25,6 +25,7 @@ from sensors.structure.figures import (
 N_SPRINGS = 3
 SPRING_STDS = np.array([1.0, 1.0, 2.0])  # of a normal prior so wide that it only bounds what no
 # mode reports: a posterior of 10 % moves by 1 % of its distance from nominal [-]
+PRIOR_DRAWS = 20_000  # for the interval of a spring beforehand: to one per cent of it
 LEAST_LEFT = 0.1  # of a described mass or stiffness that is left of it [-]
 FARTHEST_FIGURE = 6.0  # |z| to which a figure is followed [-]
 
@@ -192,6 +193,15 @@ class JointCoordinates:
         k22 = self.nominal[1] * np.exp(u[..., 1])
         k12 = np.sign(self.nominal[2]) * np.sqrt(expit(u[..., 2]) * k11 * k22)
         return np.stack([k11, k22, k12], axis=-1)
+
+    def spring_intervals(self) -> FloatArray:
+        """(3,) widths of 90 % intervals of k11, k22, k12 beforehand, over their nominal values."""
+        u = np.zeros((PRIOR_DRAWS, self.n_dim))
+        covariance = np.linalg.inv(self.prior_precision)[:N_SPRINGS, :N_SPRINGS]
+        normal = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, N_SPRINGS))
+        u[:, :N_SPRINGS] = self.origin[:N_SPRINGS] + normal @ np.linalg.cholesky(covariance).T
+        low, high = np.quantile(self.springs(u) / self.nominal, [0.05, 0.95], axis=0)
+        return np.asarray(high - low)
 
     def departures(self, u: FloatArray) -> FloatArray:
         """(…, q) of the figures."""

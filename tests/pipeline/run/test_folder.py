@@ -102,10 +102,16 @@ def first_block(source: Source) -> AccelerationBlock:
     return next(each for each in source.messages() if isinstance(each, AccelerationBlock))
 
 
-@pytest.mark.parametrize("text", ["replay:", "tape", "live:x", ""])
+@pytest.mark.parametrize("text", ["tape", "live:x", ""])
 def test_a_source_that_is_none_is_named(text: str) -> None:
-    with pytest.raises(SourceError, match="none of replay:FILE, simulate:SCENARIO, live and a"):
+    expected = f"{text!r} is none of replay:FILE, simulate:SCENARIO, live, the address of"
+    with pytest.raises(SourceError, match=expected):
         open_source(text)
+
+
+def test_a_replay_of_nothing_asks_which_recording() -> None:
+    with pytest.raises(SourceError, match="which recording"):
+        open_source("replay:")
 
 
 def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> None:
