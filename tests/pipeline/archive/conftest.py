@@ -17,9 +17,11 @@ def archive(short_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 @pytest.fixture(scope="session")
-def results(archive: list[Path], tmp_path_factory: pytest.TempPathFactory, answers: Path) -> Path:
+def results(
+    archive: list[Path], tmp_path_factory: pytest.TempPathFactory, identified_answers: Path
+) -> Path:
     """The same, reprocessed in this process."""
     out = tmp_path_factory.mktemp("results")
-    with remembering(answers):
+    with remembering(identified_answers):
         reprocessed(archive, out, ThisProcess())
     return out
