@@ -180,7 +180,7 @@ class FoundationUpdater:
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationEvent | None]:
         """The detectors' sums with one more window, and the event they report."""
-        unknown = self._unknown_level_std
+        unknown = self._unknown_tide_std
         window = watched_window(state.evidence, estimate, self._rise(estimate), unknown)
         remembered = [mode.track for mode in state.evidence.modes]
         change = replace(state.change, sums=with_tracks_only(state.change.sums, remembered))
@@ -210,16 +210,17 @@ class FoundationUpdater:
 
     def _sensitivities(self, change: ChangeState, state: UpdatingState) -> Sensitivities:
         """Of the tracks in the sums, by the state's last posterior."""
-        unknown = state.evidence.unknown_level_share * self._unknown_level_std
+        unknown = state.evidence.unknown_level_share * self._unknown_tide_std
         known = sensitivities_of(change.sums.tracks, state.sensitivities)
         return replace(known, rough=state.is_rough, level_std=unknown)
 
     @property
-    def _unknown_level_std(self) -> float:
-        """Of a water level that nothing reports [m]; 0 where the structure is exact."""
+    def _unknown_tide_std(self) -> float:
+        """Of a water level that nothing reports, from window to window [m]; 0 where the structure
+        is exact."""
         if isinstance(self._inference, ExactInference):
             return 0.0
-        return self._inference.prior.unknown_level_std
+        return self._inference.prior.tide_std
 
     def _model_before(self, state: UpdatingState, median: FloatArray) -> ForwardModel:
         """The structure that the last posterior found, its modes followed from there."""

@@ -17,9 +17,11 @@ FigureChange = Callable[[TurbineDescription, float], TurbineDescription]
 Distribution = Literal["normal", "half-normal"]
 
 JUDGEMENT = "engineering judgement"  # of a prior whose width no source states
-# engineering judgement, both: gauge, waves and distance to it; the tide of an open coast
+# engineering judgement, all: gauge, waves and distance to it; the tide of an open coast; with the
+# tide, 1 m for what the described depth is measured from, mean sea level or a chart's datum
 KNOWN_LEVEL_STD = 0.1  # of a sea level that SCADA reports [m]
-UNKNOWN_LEVEL_STD = 1.0  # of one that no sensor reports [m]
+TIDE_STD = 1.0  # of one that no sensor reports, from window to window [m]
+UNKNOWN_LEVEL_STD = 1.4  # of the mean of one that no sensor reports [m]
 LEVEL = "water_level"
 
 

@@ -9,7 +9,7 @@ weak      the same under the weak load; `single`: one window
 level     the water level unknown (1 m)
 alone     one figure off, the others as described, ten sets each
 inside    in the priors and trusted?  `outside`: another turbine, wrong sensors, figures at 5 std
-sensors   one sensor turned, swapped, flipped, scaled, displaced, twenty sets each
+sensors   one sensor turned, swapped, flipped, scaled, displaced, all turned, twenty sets each
 
 A set: springs uniform in .8 to 1.25 of nominal, modal data by tests.outside (its own elements;
 blades reduced or converged in turn), sensors misplaced as their priors say where figures are drawn,
@@ -58,6 +58,7 @@ DEPENDS = (
     "sensors/structure/figures.py",
     "tests/outside",
 )
+HEIGHTS = (41.0, 80.0, 106.0, 145.0)  # of the sensors [m]
 ALONE: dict[str, Callable[[Figures], Figures]] = {
     "E -1 %": lambda f: replace(f, youngs_modulus=0.99),
     "E -3 %": lambda f: replace(f, youngs_modulus=0.97),
@@ -74,12 +75,15 @@ ALONE: dict[str, Callable[[Figures], Figures]] = {
     "transition piece 450 t": lambda f: replace(f, transition_piece=450e3),
     "flooded": lambda f: replace(f, flooded=True),
 }
-FAULTS = {
-    "turned 15°": lambda z, axis: SensorFault("turned", z, 15.0),
-    "swapped": lambda z, axis: SensorFault("swapped", z, 145.0 if z < 140 else 80.0),
-    "flipped": lambda z, axis: SensorFault("flipped", z, axis=axis),
-    "gain +10 %": lambda z, axis: SensorFault("gain", z, 0.1, axis=axis),
-    "3 m higher": lambda z, axis: SensorFault("height", z, 3.0 if z < 140 else -3.0),
+FAULTS: dict[str, Callable[[float, int], tuple[SensorFault, ...]]] = {
+    "turned 15°": lambda z, axis: (SensorFault("turned", z, 15.0),),
+    "swapped": lambda z, axis: (SensorFault("swapped", z, 145.0 if z < 140 else 80.0),),
+    "flipped": lambda z, axis: (SensorFault("flipped", z, axis=axis),),
+    "gain +10 %": lambda z, axis: (SensorFault("gain", z, 0.1, axis=axis),),
+    "3 m higher": lambda z, axis: (SensorFault("height", z, 3.0 if z < 140 else -3.0),),
+    "all turned 30°": lambda z, axis: tuple(
+        SensorFault("turned", each, 30.0 * (1 - 2 * axis)) for each in HEIGHTS
+    ),
 }
 
 
@@ -274,8 +278,8 @@ def cases(part: str, first: int, sets: int | None) -> Iterator[Case]:
     elif part == "sensors":
         for number, (name, fault) in enumerate(FAULTS.items()):
             for k in range(sets or 20):
-                z = (41.0, 80.0, 106.0, 145.0)[k % 4]
-                yield Case(name, first + 100 * number + k, faults=(fault(z, k % 2),))
+                z = HEIGHTS[k % 4]
+                yield Case(name, first + 100 * number + k, faults=fault(z, k % 2))
     else:
         raise SystemExit(f"no part {part!r}")
 
@@ -290,8 +294,8 @@ def _outside_cases(first: int, sets: int) -> Iterator[Case]:
             yield Case("figures at 5 std", seed, beyond=5.0)
         else:
             name = tuple(FAULTS)[k // kinds % len(FAULTS)]
-            z = (41.0, 80.0, 106.0, 145.0)[k % 4]
-            yield Case(name, seed, faults=(FAULTS[name](z, k % 2),))
+            z = HEIGHTS[k % 4]
+            yield Case(name, seed, faults=FAULTS[name](z, k % 2))
 
 
 @dataclass(slots=True)

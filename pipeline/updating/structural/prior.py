@@ -18,6 +18,7 @@ from sensors.structure.figures import (
     BY_NAME,
     KNOWN_LEVEL_STD,
     LEVEL,
+    TIDE_STD,
     UNKNOWN_LEVEL_STD,
     Figure,
 )
@@ -58,6 +59,8 @@ class StructuralPrior:
     """Of the water level where SCADA reports it [m]."""
     unknown_level_std: float = UNKNOWN_LEVEL_STD
     """Of the level where nothing reports it [m]."""
+    tide_std: float = TIDE_STD
+    """Of a level that nothing reports, from window to window [m]."""
 
     @property
     def names(self) -> tuple[str, ...]:

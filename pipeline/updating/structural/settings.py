@@ -23,6 +23,7 @@ from sensors.structure.figures import (
     FIGURES,
     KNOWN_LEVEL_STD,
     LEVEL,
+    TIDE_STD,
     UNKNOWN_LEVEL_STD,
     figures_of,
 )
@@ -62,13 +63,14 @@ class StructureSettings:
     def prior(self, turbine: TurbineDescription) -> StructuralPrior:
         """The prior of the figures that a structure has."""
         figures = (UncertainFigure(f.name, self.std(f.name, f.std)) for f in figures_of(turbine))
-        on_land = turbine.water is None
+        uncertain = tuple(figure for figure in figures if figure.std > 0)
+        if turbine.water is None:
+            return StructuralPrior(uncertain, 0.0, 0.0, 0.0)
         return StructuralPrior(
-            figures=tuple(figure for figure in figures if figure.std > 0),
-            known_level_std=0.0 if on_land else self.std(LEVEL, KNOWN_LEVEL_STD),
-            unknown_level_std=(
-                0.0 if on_land else self.std("unknown_water_level", UNKNOWN_LEVEL_STD)
-            ),
+            figures=uncertain,
+            known_level_std=self.std(LEVEL, KNOWN_LEVEL_STD),
+            unknown_level_std=self.std("unknown_water_level", UNKNOWN_LEVEL_STD),
+            tide_std=self.std("unknown_water_level", TIDE_STD),
         )
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from pipeline.scenario import (
@@ -39,10 +40,21 @@ def test_each_figure_has_its_own_standard_deviation_or_is_exact() -> None:
     assert prior.known_level_std == 0.3
 
 
+def test_a_level_that_nothing_reports_has_a_tide_and_a_zero_of_its_own() -> None:
+    """A zero of another datum is the same in every window, so that only the tide moves modes."""
+    by_default = scenario_from_text("", "mine.toml").updating.structure.prior(TURBINE)
+    assert by_default.unknown_level_std == pytest.approx(
+        np.hypot(by_default.tide_std, 1.0), rel=0.02
+    )
+    text = "[structure.uncertain]\nunknown_water_level = 2.0\n"
+    stated = scenario_from_text(text, "mine.toml").updating.structure.prior(TURBINE)
+    assert stated.unknown_level_std == stated.tide_std == 2.0
+
+
 def test_a_turbine_on_land_has_no_uncertain_level() -> None:
     structure = scenario_from_text("", "mine.toml").updating.structure
     prior = structure.prior(replace(TURBINE, water=None))
-    assert prior.known_level_std == prior.unknown_level_std == 0.0
+    assert prior.known_level_std == prior.unknown_level_std == prior.tide_std == 0.0
 
 
 @pytest.mark.parametrize(
