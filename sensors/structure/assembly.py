@@ -124,7 +124,7 @@ def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexAr
         system.add(tower_dofs[i : i + 2].ravel(), mass=mass, stiffness=stiffness)
 
 
-@lru_cache(maxsize=4096)  # a structure is assembled a hundred times with nearly the same tubes
+@lru_cache(maxsize=1024)  # a structure is assembled a hundred times with nearly the same tubes
 def _tube_matrices(
     tube: Tube,
     compression: tuple[float, float],

@@ -32,13 +32,14 @@ from pipeline.updating.structural.sensors.faults import (
     SensorFault,
     far_off_sensors,
     fault_named,
-    likely_turns,
     likely_wirings,
     misfit,
     sensor_fault,
     still_explained,
     suspicious,
+    turned_by,
 )
+from pipeline.updating.structural.sensors.turned_layouts import likely_angles
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
@@ -317,8 +318,8 @@ def _with_a_fault(
     best from the peak; then a sensor metres away, with which every alternative is fitted anew.
     """
     fine = attempt.result.best.fit.with_tolerance(FINEST_TOLERANCE)
-    turns = likely_turns(fine, attempt.evidence, attempt.result.best.peak)
-    likely = [(fault.name, size) for fault, size in turns]
+    angles = likely_angles(fine, attempt.evidence, attempt.result.best.peak)
+    likely = [(fault.name, size) for fault, size in turned_by(fine, angles)]
     likely += [(fault.name, 0.0) for fault in likely_wirings(fine, attempt.evidence)]
     found = _with_likely_fault(inference, measured, attempt, likely, level_std=level_std)
     if found.fault is None and not attempt.fits_nothing(guards):

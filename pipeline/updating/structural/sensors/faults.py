@@ -2,18 +2,9 @@
 
 Each fault is one more model of the same data. A turned, scaled or displaced sensor is the fit with
 a prior of that one figure that allows it; a flipped or swapped one the fit to shapes whose channels
-are put right; sensors that are all turned by one angle, as against a nacelle whose yaw nothing
-reports, the fit with all headings about that angle. The cheapest is taken where it lowers the cost
-by more than chance and the number of faults that were tried allow.
-
-Sensors are fixed to the tower, fore-aft follows the nacelle. Where all are turned, no frequency
-changes, modes mostly have their partners, and the angle is that at which the shapes are theirs:
-
-    max over α of Σ MAC(φ, cos α r + sin α r_⊥)
-
-r and r_⊥ what the sensors read of a mode of the model along their axes and across them. Beyond some
-40° modes find wrong partners or none; then the angle is that at which modes find much nearer ones
-among drawn structures.
+are put right; sensors that are all turned by one angle (`turned_layouts`), as against a nacelle
+whose yaw nothing reports, the fit with all headings about that angle. The cheapest is taken where
+it lowers the cost by more than chance and the number of faults that were tried allow.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -25,9 +16,8 @@ import numpy as np
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit
 from pipeline.updating.structural.joint_model import JointPeak
-from sensors.acquisition.layout import SensorLayout, turning_matrix
+from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
-from sensors.errors import InputError
 
 WIDE = {"gain": 40.0, "heading": 30.0, "height": 60.0}  # factor on the prior's std of a fault
 EXCHANGES_TRIED = 3  # of channels, those that pair the modes best
@@ -52,10 +42,6 @@ STARTS = {"gain": (0.0,), "heading": (0.0,), "height": (0.0, 2.5, -2.5)}  # of t
 # fault, in its unit: beyond a metre modes seem to be others, and no step from 0 lowers the cost
 # (the same, seeds 208000 to 208011)
 ALL_TURNED = "heading of all sensors"
-ANGLES = np.arange(-90.0, 90.0)  # half a turn changes the sign of a shape, which is free [deg]
-NEARER_SHAPES = 0.5  # of what all MACs lack of 1 is left at an angle that is tried first [-]
-TURNS = (90.0, 75.0, -75.0, 60.0, -60.0, 45.0, -45.0, 30.0, -30.0)  # [deg]
-NEARER_TURNS = (-10.0, -5.0, 0.0, 5.0, 10.0)  # beside the best of them [deg]
 LEAST_SIZE = {"gain": 0.03, "heading": 5.0, "height": 0.7}  # that is named [-], [deg], [m]
 
 
@@ -154,6 +140,15 @@ def likely_wirings(fit: JointFit, evidence: ModalEvidence) -> list[SensorFault]:
     """Sensors swapped, a channel flipped or two exchanged, with which modes find much nearer
     partners among drawn structures, the nearest first; none where none is much nearer."""
     return _best_paired([*_wrong_cables(fit), *_exchanges(fit)], fit, evidence, MUCH_NEARER)
+
+
+def turned_by(fit: JointFit, angles: Iterable[float]) -> list[tuple[SensorFault, float]]:
+    """All sensors turned by each of some angles [deg], with it in prior standard deviations."""
+    fault = fault_named(ALL_TURNED, fit)
+    if fault is None:
+        return []
+    std = next(figure.std for figure in fit.sensors.figures if figure.kind == "heading")
+    return [(fault, angle / std) for angle in angles if abs(angle) >= LEAST_SIZE["heading"]]
 
 
 def far_off_sensors(fit: JointFit, evidence: ModalEvidence) -> list[tuple[SensorFault, float]]:
@@ -327,74 +322,3 @@ def _sized(fault: SensorFault, peak: JointPeak) -> str:
     if figure.kind == "heading":
         return f"the sensor at {figure.target} is turned by {size:.0f}°"
     return f"the sensor at {figure.target} sits {size:+.1f} m off"
-
-
-def likely_turns(
-    fit: JointFit, evidence: ModalEvidence, peak: JointPeak
-) -> list[tuple[SensorFault, float]]:
-    """All sensors turned, and by how much they may be, in prior standard deviations; none where no
-    angle brings the shapes much nearer."""
-    fault = fault_named(ALL_TURNED, fit)
-    if fault is None:
-        return []
-    angles = (_by_pairing(fit, evidence), _by_shapes(fit, evidence, peak))
-    return [(fault, angle / _heading_std(fit)) for angle in angles if angle is not None]
-
-
-def _by_shapes(fit: JointFit, evidence: ModalEvidence, peak: JointPeak) -> float | None:
-    """The angle at which the shapes of the paired modes are those of their partners [deg]."""
-    headings = fit.sensors.placement(fit.coordinates.sensors(peak.u)).headings
-    values = turned_macs(evidence, peak, headings)
-    if not values.size:
-        return None
-    lacking = 1.0 - values.mean(axis=0)
-    best = int(np.argmin(lacking))
-    as_stated = lacking[int(np.argmin(np.abs(ANGLES)))]
-    enough = lacking[best] <= NEARER_SHAPES * as_stated
-    return float(ANGLES[best]) if enough and abs(ANGLES[best]) >= LEAST_SIZE["heading"] else None
-
-
-def turned_macs(evidence: ModalEvidence, peak: JointPeak, headings: FloatArray) -> FloatArray:
-    """(n_modes, n_angles) of the modes that are alone at their frequency, with their partners as
-    sensors read them that are turned by each of `ANGLES` from their stated directions [-].
-
-    headings   (n_channels,) of the sensors at the peak, from the stated directions [rad]
-    """
-    modes = peak.comparison.linearisation
-    alone = [each for each in peak.comparison.used if each.shape_used or each.shape_unlike]
-    angles = np.radians(ANGLES)[:, None] - headings
-    found = []
-    for each in alone:
-        measured = evidence.modes[each.identified].mean[1:]
-        along, across = (
-            np.real(readings[each.model_modes[0]])
-            for readings in (modes.readings, modes.by_heading)
-        )
-        known = np.isfinite(measured)
-        turned = (np.cos(angles) * along + np.sin(angles) * across)[:, known]
-        phi = measured[known]
-        squares = (turned @ phi) ** 2
-        found.append(squares / ((turned**2).sum(axis=1) * (phi @ phi) + 1e-300))
-    return np.array(found)
-
-
-def _by_pairing(fit: JointFit, evidence: ModalEvidence) -> float | None:
-    """The angle at which modes find much nearer partners among drawn structures [deg]; None where
-    none does, or where the motion across a sensor is not measured."""
-    layout, targets = fit.model.layout, fit.targets(evidence)
-
-    def bound(angle: float) -> float:
-        as_stated = turning_matrix(layout, -angle)
-        return fit.pairing_bound(replace(targets, shapes=targets.shapes @ as_stated.T))
-
-    try:
-        best = min(TURNS, key=bound)
-    except InputError:
-        return None
-    best = min((best + nearer for nearer in NEARER_TURNS), key=bound)
-    return best if bound(best) < MUCH_NEARER * fit.pairing_bound(targets) else None
-
-
-def _heading_std(fit: JointFit) -> float:
-    """Of the prior of a sensor's heading [deg]."""
-    return next(figure.std for figure in fit.sensors.figures if figure.kind == "heading")

@@ -108,7 +108,7 @@ def test_sensors_that_are_all_turned_alike_are_named_and_read_so(
     assert [each.code for each in distrust(found, SETTINGS.guards)] == ["sensor"]
     draws = np.log(found.draws[:, :3] * NOMINAL / truth.theta)
     assert np.abs(draws.mean(axis=0) / draws.std(axis=0)).max() < 3.5
-    monkeypatch.setattr(refresh, "likely_turns", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(refresh, "likely_angles", lambda *_: pytest.fail("searched again"))
     rng = np.random.default_rng(seed)
     again = joint_refresh(
         inference, found.evidence, found.warm_starts, rng, last_fault=found.fault.name

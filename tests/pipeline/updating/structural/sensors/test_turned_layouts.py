@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.updating.structural.sensors.faults import ANGLES, turned_macs
+from pipeline.updating.structural.sensors.turned_layouts import ANGLES, turned_macs
 
 
 @pytest.mark.parametrize("angle", [0.0, 23.0, -71.0, 89.0])
