@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -24,7 +24,7 @@ from sensors.errors import InputError
 
 if TYPE_CHECKING:
     from pipeline.offline.new_project import NewProject
-    from sensors.files.channel_names import GuessedChannel
+    from sensors.files.channel_names import GuessedChannel, UnusedChannel
     from sensors.structure.foundation import FoundationSprings
 
 
@@ -36,6 +36,10 @@ def new(
         Path | None, typer.Option("-o", "--out", help="The folder; the first file's name.")
     ] = None,
     name: Annotated[str, typer.Option(help="Of the turbine; the first file's name.")] = "",
+    layout: Annotated[
+        Path | None,
+        typer.Option(help="TOML file that states where each channel was; else by their names."),
+    ] = None,
     structure: Annotated[
         str,
         typer.Option(
@@ -74,10 +78,11 @@ def new(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Start from your own files: guess the layout, write scenario, layout and recording."""
+    """Start from your own files: state or guess the layout, write scenario and recording."""
     folder = out or Path(files[0].stem)
     options: dict[str, Any] = {
         "name": name,
+        "layout": layout,
         "structure": structure,
         "subdyn": subdyn,
         "mudline": mudline,
@@ -111,8 +116,9 @@ def new(
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
     if project.left_out:
-        listed = ", ".join(str(each) for each in project.left_out)
-        output.print(f"Not among the motions: {escape_markup(listed)}", soft_wrap=True)
+        output.print(
+            f"Not among the motions: {escape_markup(_by_reason(project.left_out))}", soft_wrap=True
+        )
     if project.conditions:
         listed = escape_markup(", ".join(project.conditions))
         output.print(f"Recorded beside the motions as SCADA: {listed}", soft_wrap=True)
@@ -139,6 +145,13 @@ def new(
     place = escape_markup(shlex.quote(str(folder)))
     output.print(f"Written: {', '.join(map(str, written))}", soft_wrap=True)
     output.print(f"Next:  cd {place} && pilewatch run && pilewatch report out", soft_wrap=True)
+
+
+def _by_reason(channels: "Iterable[UnusedChannel]") -> str:
+    names: dict[str, list[str]] = {}
+    for each in channels:
+        names.setdefault(each.reason, []).append(each.name)
+    return "; ".join(f"{', '.join(listed)} ({reason})" for reason, listed in names.items())
 
 
 def _span(project: "NewProject", zone: str) -> str:

@@ -6,36 +6,43 @@ files ──► motions, with a guess of each one's place ──► layout.toml
 
 import logging
 import re
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.offline.project_texts import layout_text, scenario_text, structure_text
+from pipeline.offline.project_layout import (
+    LAYOUT_FILE,
+    Placing,
+    ProjectLayout,
+    guessed_layout,
+    stated_layout,
+)
+from pipeline.offline.project_texts import scenario_text, structure_text
 from pipeline.scenario import NO_STRUCTURE, Scenario, scenario_from_text
 from pipeline.sources.import_files import Measurement, open_measurement, record_measurement
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
 from sensors.files.block_builder import moment, open_file
-from sensors.files.channel_names import GuessedChannel, UnusedChannel, guess_channels, split_motions
+from sensors.files.channel_names import GuessedChannel, UnusedChannel
 from sensors.files.conditions import ConditionChannel, condition_channels, read_conditions
 from sensors.files.formats import channels_in
-from sensors.files.layout_file import parse_layout
+from sensors.files.layout_file import load_layout
 from sensors.files.table import (
     EVERYTHING,
     ChannelTable,
     DateOrder,
     FileError,
     TimeColumn,
+    dated,
 )
 from sensors.structure.foundation import FoundationSprings
 
 _log = logging.getLogger(__name__)
 
-LAYOUT_FILE, SCENARIO_FILE = "layout.toml", "scenario.toml"
+SCENARIO_FILE = "scenario.toml"
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 LOWEST_RATE = 0.2  # of samples that can show a tower's or a floater's motion [Hz]
 SLOWER = 0.9  # of the values of others: a channel below has a lower sampling rate [-]
@@ -71,6 +78,7 @@ def start_project(
     folder: Path,
     *,
     name: str = "",
+    layout: Path | None = None,
     structure: str = NO_STRUCTURE,
     subdyn: Path | None = None,
     springs: FoundationSprings | None = None,
@@ -79,7 +87,7 @@ def start_project(
     dates: DateOrder | None = None,
     zone: str = "",
     scada: Sequence[Path] = (),
-    place: Callable[[GuessedChannel], GuessedChannel] | None = None,
+    place: Placing | None = None,
 ) -> NewProject:
     """Write layout, scenario and recording of a measurement into a folder.
 
@@ -91,6 +99,8 @@ def start_project(
         Made where there is none; nothing in it is overwritten.
     name : str
         Of the turbine or structure; the first file's by default.
+    layout : Path, optional
+        Layout file that states where the channels were; None: read from their names.
     structure : str
         Shipped description, path of a description (TOML), of an ElastoDyn file (.dat), a WindIO
         file (.yaml) or a BModes tower (.bmi), which is brought into the folder; or "none": modes
@@ -120,28 +130,32 @@ def start_project(
     """
     _require_no_project(folder)
     described = structure_text(structure, subdyn, springs, mudline)
-    turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
     time = TimeColumn(dates=dates, zone=zone)
-    table = channels_in(files[0], None, replace(EVERYTHING, time=time))
-    columns, left_out = choose_channels(table, str(files[0]))
-    channels = _placed(table.only(columns).names, place)
+    if layout is None:
+        turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
+        table = channels_in(files[0], None, replace(EVERYTHING, time=time))
+        places = guessed_layout(table, str(files[0]), turbine=turbine, time=time, place=place)
+    else:
+        own = replace(EVERYTHING, time=load_layout(layout).time)
+        table = channels_in(files[0], None, dated(own, time))
+        places = stated_layout(layout, table, name=name)
     if structure != NO_STRUCTURE:
-        _require_places(channels)
+        places.require_places()
 
-    def opened(channels: Sequence[GuessedChannel]) -> Measurement:
-        layout = parse_layout(layout_text(channels, turbine, time), LAYOUT_FILE)
-        return open_measurement(files, layout=layout, turbine=turbine, sampling_rate=sampling_rate)
+    def opened(places: ProjectLayout) -> Measurement:
+        return open_measurement(
+            files, layout=places.mapping, sampling_rate=sampling_rate, time=time
+        )
 
-    measurement = opened(channels)
+    measurement = opened(places)
     survey = _surveyed(files, measurement)
-    left_out += survey.unused
-    if survey.unused:
-        gone = {each.name for each in survey.unused}
-        channels = tuple(each for each in channels if each.name not in gone)
-        measurement = opened(channels)
+    if places.without(survey.unused) is not places:
+        places = places.without(survey.unused)
+        measurement = opened(places)
+    turbine, left_out = places.turbine, places.left_out
     of_controller, read = _controller_samples(scada, turbine, time, survey.span_ns)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / LAYOUT_FILE).write_text(layout_text(channels, turbine, time), encoding="utf-8")
+    (folder / LAYOUT_FILE).write_text(places.text, encoding="utf-8")
     named = structure if described is None else STRUCTURE_FILE
     text = scenario_text(turbine, named, survey.n_samples / measurement.sampling_rate)
     scenario = _written_scenario(folder, text, described)
@@ -154,7 +168,7 @@ def start_project(
     return NewProject(
         folder,
         recording,
-        channels,
+        places.channels,
         measurement.sampling_rate,
         left_out,
         tuple(each.name for each in known.values() if conditions) + read,
@@ -179,50 +193,6 @@ def _written_scenario(folder: Path, text: str, described: str | None) -> Scenari
         return scenario
     (folder / STRUCTURE_FILE).write_text(described, encoding="utf-8")
     return replace(scenario, files=((STRUCTURE_FILE, described),))
-
-
-def choose_channels(
-    table: ChannelTable, origin: str
-) -> tuple[list[int], tuple[UnusedChannel, ...]]:
-    """Return the columns of a measurement's motions, all of one quantity, and what is left out.
-
-    Accelerations where there are some, else what most channels measure.
-    """
-    columns, left_out = split_motions(table, origin)
-    quantities = [table.only([column]).quantities for column in columns]
-    counts = Counter(each[0] for each in quantities if each)
-    if not counts:
-        return columns, left_out
-    wanted = "acceleration" if counts["acceleration"] else counts.most_common(1)[0][0]
-    others = {
-        column: each[0]
-        for column, each in zip(columns, quantities, strict=True)
-        if each and each[0] != wanted
-    }
-    left_out += tuple(
-        UnusedChannel(table.names[column], f"a {quantity}, beside {wanted}s")
-        for column, quantity in others.items()
-    )
-    return [column for column in columns if column not in others], left_out
-
-
-def _placed(
-    names: Sequence[str], place: Callable[[GuessedChannel], GuessedChannel] | None
-) -> tuple[GuessedChannel, ...]:
-    channels = guess_channels(names)
-    if place is None:
-        return channels
-    return tuple(each if each.known else place(each) for each in channels)
-
-
-def _require_places(channels: Sequence[GuessedChannel]) -> None:
-    """Raises InputError where a structural model could not be compared with a channel."""
-    unknown = [each.name for each in channels if not each.known]
-    if unknown:
-        raise InputError(
-            f"the structural model needs the height and axis of each channel; {unknown[0]!r} has "
-            "none in its name. `pilewatch import FILE --template` prints a layout file to fill in"
-        )
 
 
 @dataclass(frozen=True, slots=True)

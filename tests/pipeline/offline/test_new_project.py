@@ -77,6 +77,50 @@ def test_a_structure_needs_places_that_are_known(tmp_path: Path) -> None:
         start_project([path], tmp_path / "out", structure="iea15mw_monopile", sampling_rate=RATE)
 
 
+PLACES = """turbine = "t07"
+[[channels]]
+name = "ch2"
+elevation = 44.0
+direction = [1.0, 0.0, 0.0]
+coupling = "ac"
+corner_frequency = 0.1
+"""
+
+
+@pytest.fixture
+def unplaced(tmp_path: Path) -> Path:
+    """Half a minute of two channels and the rotor's speed, with names that say no place."""
+    path = tmp_path / "plain.csv"
+    table = np.random.default_rng(3).standard_normal((600, 4))
+    table[:, 0] = np.arange(600) / RATE
+    table[:, 3] = 7.0
+    np.savetxt(path, table, delimiter=",", header="time [s],ch1,ch2,rotor_rpm", comments="")
+    return path
+
+
+def test_a_layout_file_states_the_places_that_names_do_not(unplaced: Path, tmp_path: Path) -> None:
+    """Also for a structure; its couplings hold, what it leaves out stays SCADA or is named."""
+    stated = tmp_path / "places.toml"
+    stated.write_text(PLACES)
+    project = start_project(
+        [unplaced], tmp_path / "out", layout=stated, structure="iea15mw_monopile"
+    )
+    assert project.complete
+    assert (project.folder / "layout.toml").read_text() == PLACES
+    assert {each.name: each.reason for each in project.left_out}["ch1"] == "not in the layout"
+    assert project.conditions == ("rotor_rpm",)
+    (layout,) = recording_info(project.recording).layouts
+    assert (layout.turbine, layout.elevations.tolist()) == ("t07", [44.0])
+    assert layout.channels[0].coupling == "ac"
+
+
+def test_a_layout_file_names_the_turbine(unplaced: Path, tmp_path: Path) -> None:
+    stated = tmp_path / "places.toml"
+    stated.write_text(PLACES)
+    with pytest.raises(InputError, match=r"--name 't08': .*places.toml names the turbine 't07'"):
+        start_project([unplaced], tmp_path / "out", layout=stated, name="t08")
+
+
 def test_columns_of_controller_and_logger_are_no_motions(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     count = round(300 * RATE)

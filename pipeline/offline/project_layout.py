@@ -1,0 +1,159 @@
+"""Where the channels of a new project were: as a layout file states, or as their names let one
+guess."""
+
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pipeline.offline.project_texts import layout_text
+from sensors.errors import InputError
+from sensors.files.channel_names import GuessedChannel, UnusedChannel, guess_channels, split_motions
+from sensors.files.layout_file import LayoutFile, load_layout, parse_layout
+from sensors.files.table import ChannelTable, TimeColumn
+
+LAYOUT_FILE = "layout.toml"  # in the folder of a project
+Placing = Callable[[GuessedChannel], GuessedChannel]
+
+
+@dataclass(frozen=True, slots=True)
+class ProjectLayout:
+    """Channels of a measurement with their places."""
+
+    turbine: str
+    channels: tuple[GuessedChannel, ...]
+    left_out: tuple[UnusedChannel, ...]
+    """Channels of the files that are not in the layout."""
+    text: str
+    """Of the layout file in the project's folder."""
+    time: TimeColumn
+    """What the titles do not state of it."""
+    is_stated: bool
+    """Whether the places are a layout file's; else they are read from names."""
+
+    @property
+    def mapping(self) -> LayoutFile:
+        """As files are read by it."""
+        return parse_layout(self.text, LAYOUT_FILE)
+
+    def without(self, unused: Collection[UnusedChannel]) -> "ProjectLayout":
+        """Return the layout without channels that show nothing; a stated one keeps them."""
+        if self.is_stated or not unused:
+            return self
+        gone = {each.name for each in unused}
+        channels = tuple(each for each in self.channels if each.name not in gone)
+        return replace(
+            self,
+            channels=channels,
+            left_out=(*self.left_out, *unused),
+            text=layout_text(channels, self.turbine, self.time),
+        )
+
+    def require_places(self) -> None:
+        """Raise InputError where a structural model could not be compared with a channel."""
+        unknown = [each.name for each in self.channels if not each.known]
+        if unknown:
+            raise InputError(
+                f"the structural model needs the height and axis of each channel; {unknown[0]!r} "
+                "has none in its name: give --layout FILE.toml (`pilewatch import FILE --template` "
+                "prints one to fill in)"
+            )
+
+
+def stated_layout(path: Path, table: ChannelTable, *, name: str = "") -> ProjectLayout:
+    """Return the layout of a file.
+
+    Parameters
+    ----------
+    path : Path
+        Layout file.
+    table : ChannelTable
+        Every channel of the measurement.
+    name : str
+        Of the turbine, which the file states.
+
+    Raises
+    ------
+    LayoutError
+        If the file cannot be read.
+    InputError
+        If the turbine is given another name.
+    """
+    stated = load_layout(path)
+    if name and name != stated.turbine:
+        raise InputError(f"--name {name!r}: {path} names the turbine {stated.turbine!r}")
+    listed = {channel.name for channel in stated.channels}
+    channels = tuple(
+        GuessedChannel(
+            channel.name,
+            channel.elevation,
+            channel.direction,
+            f"{channel.elevation:g} m, direction {_vector(channel.direction)}, as {path} states",
+        )
+        for channel in stated.channels
+    )
+    left_out = tuple(
+        UnusedChannel(each, "not in the layout") for each in table.names if each not in listed
+    )
+    text = path.read_text("utf-8-sig")
+    return ProjectLayout(stated.turbine, channels, left_out, text, stated.time, is_stated=True)
+
+
+def guessed_layout(
+    table: ChannelTable,
+    origin: str,
+    *,
+    turbine: str,
+    time: TimeColumn,
+    place: Placing | None = None,
+) -> ProjectLayout:
+    """Return the layout that the channels' names let one guess.
+
+    Parameters
+    ----------
+    table : ChannelTable
+        Every channel of the measurement.
+    origin : str
+        The file's name, for errors.
+    turbine : str
+        Its name.
+    time : TimeColumn
+        What the titles do not state of it.
+    place : callable, optional
+        Guess of a channel whose name lacks height or axis → where it was; None: as guessed.
+    """
+    columns, left_out = choose_channels(table, origin)
+    channels = guess_channels(table.only(columns).names)
+    if place is not None:
+        channels = tuple(each if each.known else place(each) for each in channels)
+    text = layout_text(channels, turbine, time)
+    return ProjectLayout(turbine, channels, left_out, text, time, is_stated=False)
+
+
+def choose_channels(
+    table: ChannelTable, origin: str
+) -> tuple[list[int], tuple[UnusedChannel, ...]]:
+    """Return the columns of a measurement's motions, all of one quantity, and what is left out.
+
+    Accelerations where there are some, else what most channels measure.
+    """
+    columns, left_out = split_motions(table, origin)
+    quantities = [table.only([column]).quantities for column in columns]
+    counts = Counter(each[0] for each in quantities if each)
+    if not counts:
+        return columns, left_out
+    wanted = "acceleration" if counts["acceleration"] else counts.most_common(1)[0][0]
+    others = {
+        column: each[0]
+        for column, each in zip(columns, quantities, strict=True)
+        if each and each[0] != wanted
+    }
+    left_out += tuple(
+        UnusedChannel(table.names[column], f"a {quantity}, beside {wanted}s")
+        for column, quantity in others.items()
+    )
+    return [column for column in columns if column not in others], left_out
+
+
+def _vector(direction: Sequence[float]) -> str:
+    return " ".join(f"{value:g}" for value in direction)
