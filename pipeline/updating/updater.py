@@ -210,9 +210,12 @@ class FoundationUpdater:
 
     def _sensitivities(self, change: ChangeState, state: UpdatingState) -> Sensitivities:
         """Of the tracks in the sums, by the state's last posterior."""
-        unknown = state.evidence.unknown_level_share * self._unknown_tide_std
         known = sensitivities_of(change.sums.tracks, state.sensitivities)
-        return replace(known, rough=state.is_rough, level_std=unknown)
+        return replace(known, rough=state.is_rough, level_std=self._level_std(state))
+
+    def _level_std(self, state: UpdatingState) -> float:
+        """Of levels that follow from the modes [m]; 0 where all are reported."""
+        return state.evidence.unknown_level_share * self._unknown_tide_std
 
     @property
     def _unknown_tide_std(self) -> float:
@@ -266,7 +269,7 @@ class FoundationUpdater:
             structure=STATED_EXACT if self.settings.structure.stated else UNSTATED_EXACT,
             population=self._population_name,
             change_probability=self._change_probability(state, estimate.duration),
-            relative=_relative_to_earlier(after),
+            relative=_relative_to_earlier(after, self._level_std(after)),
         )
 
     def _refreshed_jointly(
@@ -365,12 +368,21 @@ def _joint_sensitivities(
     )
 
 
-def _relative_to_earlier(state: UpdatingState) -> tuple[RelativeStiffness, ...]:
-    """Springs over those before the last event, by all windows since."""
+def _relative_to_earlier(state: UpdatingState, level_std: float) -> tuple[RelativeStiffness, ...]:
+    """Springs over those before the last event, by all windows since.
+
+    level_std   of levels that follow from the modes [m]
+    """
     earlier = state.before_event
     if earlier is None:
         return ()
-    step = revised_step(earlier, state.change.sums, state.sensitivities)
+    step = revised_step(
+        earlier,
+        state.change.sums,
+        state.sensitivities,
+        rough=state.is_rough,
+        level_std=level_std,
+    )
     if step is None:
         return ()
     return relative_stiffness(*relative_change(earlier, step), earlier.end_ns)

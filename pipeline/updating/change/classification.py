@@ -14,10 +14,13 @@ is paired with none of the model's (its frequency may lie above the model's high
 foundation too, by an unknown amount: by τ times what the paired ones are sensitive on average,
 up or down. A model's slopes are never exact, so each step along S κ has an error of its own, a
 share of δ_j: a large change is not acquitted for being large. Against all this stands the modal
-drift, in closed form.
+drift, in closed form. Where the level follows from the modes, what it took of the change is unknown
+to both: to the foundation it is one coefficient more, of the slopes a; to the drift a step along a,
+as large as is likeliest, that its own steps may or may not come on top of.
 Source: Kass and Raftery (1995), Journal of the American Statistical Association 90.
 """
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -49,8 +52,21 @@ def foundation_probability(step: Steps, known: Sensitivities, settings: ChangeSe
         P = π E_foundation / (π E_foundation + (1 − π) E_drift),   π = settings.foundation_share
     """
     foundation = log_foundation_with_mistakes(step, known) + np.log(settings.foundation_share)
-    drift = float(log_drift(step)[0]) + np.log(1 - settings.foundation_share)
+    drift = log_drift_in_water(step, known) + np.log(1 - settings.foundation_share)
     return float(np.exp(foundation - np.logaddexp(foundation, drift)))
+
+
+def log_drift_in_water(step: Steps, known: Sensitivities) -> float:
+    """log likelihood ratio of a modal drift against none, the level known or not."""
+    alone = float(log_drift(step)[0])
+    if known.level_std == 0.0:
+        return alone
+    slope = known.water[:, 0]
+    pull, information = float(step.g[0] @ slope), float(step.h[0] @ slope**2)
+    risen = pull / (information + known.level_std**-2)
+    level = 0.5 * (pull * risen - np.log1p(known.level_std**2 * information))
+    rest = replace(step, g=step.g - step.h * slope * risen)
+    return float(np.logaddexp(alone, level + log_drift(rest)[0]) - np.log(2))
 
 
 def kind_of(probability: float, settings: ChangeSettings) -> ChangeKind:
@@ -70,7 +86,7 @@ def log_foundation_with_mistakes(step: Steps, known: Sensitivities) -> float:
         return 0.0
     typical = float(np.mean((stiffness[paired] ** 2).sum(axis=1)))  # variance of ln f over τ²
     sizes = [
-        _log_integral(g[paired], h[paired], stiffness[paired], size, known.slope_error)
+        _log_integral(g[paired], h[paired], known.of_tracks(np.flatnonzero(paired)), size)
         + _log_unpaired(g[~paired], h[~paired], size**2 * typical)
         for size in STIFFNESS_SHIFTS
     ]
@@ -83,20 +99,19 @@ def _log_unpaired(g: FloatArray, h: FloatArray, variance: float) -> float:
     return float(np.logaddexp(np.log1p(-MISTAKEN) + along, np.log(MISTAKEN) + alone).sum())
 
 
-def _log_integral(
-    g: FloatArray, h: FloatArray, stiffness: FloatArray, size: float, slope_error: float
-) -> float:
+def _log_integral(g: FloatArray, h: FloatArray, known: Sensitivities, size: float) -> float:
     """log ∫ p(g | κ) / p(g | 0) N(κ; 0, size²) dκ
 
     The peak by iterated least squares; its weights are what each mode's errors leave of it when
     it may be mistaken.
     """
-    weights = np.ones(len(g))
+    weights, slopes, precision = np.ones(len(g)), known.slopes, known.precision(size)
     for _ in range(ITERATIONS):
-        hessian = (stiffness.T * (weights * h)) @ stiffness + np.eye(3) / size**2
-        ratios = np.linalg.solve(hessian, stiffness.T @ (weights * g))
-        steps = stiffness @ ratios
-        rest, error = g - h * steps, (slope_error * steps) ** 2
+        hessian = (slopes.T * (weights * h)) @ slopes + precision
+        found = np.linalg.solve(hessian, slopes.T @ (weights * g))
+        steps = slopes @ found
+        rest = g - h * steps
+        error = (known.slope_error * (known.stiffness @ found[:3])) ** 2
         along = 0.5 * (rest**2 * error / (1 + h * error) - np.log1p(h * error))
         mistaken = log_step(rest, h, np.array([PAIRING_MISTAKE**2]))[0]
         own = MISTAKEN * np.exp(np.minimum(mistaken - along, LARGEST_LOG_RATIO))
@@ -107,5 +122,5 @@ def _log_integral(
         - 0.5 * h * steps**2
         + np.logaddexp(np.log(MISTAKEN) + mistaken, np.log1p(-MISTAKEN) + along)
     )
-    prior = -0.5 * ratios @ ratios / size**2 - 3 * np.log(size)
+    prior = 0.5 * (np.linalg.slogdet(precision)[1] - found @ precision @ found)
     return float(logs.sum() + prior - 0.5 * np.linalg.slogdet(hessian)[1])

@@ -129,7 +129,6 @@ class ChangeDetector:
     def change(self, state: ChangeState, verdict: Verdict, sensitivities: Sensitivities) -> Change:
         """The change behind an alarm, measured on the frequencies as they were."""
         sums = state.sums
-        sensitivities = apart_from_water(sensitivities, sums)
         logs = log_sum(verdict.log_kinds)
         chances = np.exp(logs - log_sum(logs))
         candidate = int(np.argmax(chances))
@@ -158,7 +157,6 @@ class ChangeDetector:
         """The change with its size by other sensitivities, such as those half way through it."""
         step = steps(state.sums, sensitivities.water, UNCUT_MOMENTS).of(found.candidate)
         sensitivities = replace(sensitivities, rough=found.rough, level_std=found.level_std)
-        sensitivities = apart_from_water(sensitivities, state.sums)
         return replace(found, step=stiffness_step(step, sensitivities))
 
     def restarted(self, state: ChangeState, candidate: int) -> ChangeState:

@@ -111,16 +111,17 @@ def stiffness_step(step: Steps, known: Sensitivities) -> StiffnessStep:
 
     Iterated least squares with the weights of Student's t: one mode that jumped to its sister
     must not be read as a stiffness. Slopes of a rough model have an error, so that each step
-    has one of its size.
+    has one of its size. A level that follows from the modes is found with κ: what it took of the
+    change is as uncertain as the level is.
     """
-    g, h, stiffness = step.g[0], step.h[0], known.stiffness
+    g, h, slopes = step.g[0], step.h[0], known.slopes
     weights = np.ones(len(g))
-    prior = np.eye(3) / STIFFNESS_SHIFTS[-1] ** 2
     for _ in range(ITERATIONS):
-        hessian = (stiffness.T * (weights * h)) @ stiffness + prior
-        ratios = np.linalg.solve(hessian, stiffness.T @ (weights * g))
-        steps = stiffness @ ratios
-        sure = 1 / (1 + h * (known.half_way_error * steps) ** 2)
-        squares = np.divide((g - h * steps) ** 2 * sure, h, out=np.zeros_like(h), where=h > 0)
+        hessian = (slopes.T * (weights * h)) @ slopes + known.precision(STIFFNESS_SHIFTS[-1])
+        found = np.linalg.solve(hessian, slopes.T @ (weights * g))
+        sure = 1 / (1 + h * (known.half_way_error * (known.stiffness @ found[:3])) ** 2)
+        squares = np.divide(
+            (g - h * (slopes @ found)) ** 2 * sure, h, out=np.zeros_like(h), where=h > 0
+        )
         weights = sure * (TAIL_DEGREES + 1) / (TAIL_DEGREES + squares)
-    return StiffnessStep(ratios, np.asarray(np.linalg.inv(hessian)))
+    return StiffnessStep(found[:3], np.asarray(np.linalg.inv(hessian))[:3, :3])

@@ -59,19 +59,25 @@ class BeforeEvent:
 
 
 def revised_step(
-    earlier: BeforeEvent, since: ChangeSums, pairs: Sequence[TrackSensitivity]
+    earlier: BeforeEvent,
+    since: ChangeSums,
+    pairs: Sequence[TrackSensitivity],
+    *,
+    rough: bool = False,
+    level_std: float = 0.0,
 ) -> StiffnessStep | None:
     """By how much k / nominal has changed, by all windows since; None where no mode was seen
     before and after.
 
     since   sums from the event on
     pairs   with the slopes of the springs now
+    rough, level_std   as of `Sensitivities`
     """
     both = _joined(earlier, since)
     half_way = _half_way(earlier.pairs, pairs)
     if both is None or not half_way:
         return None
-    known = sensitivities_of(both.tracks, half_way)
+    known = replace(sensitivities_of(both.tracks, half_way), rough=rough, level_std=level_std)
     step = steps(both, known.water, UNCUT_MOMENTS).of(1)
     if not np.any(step.h[0] * np.abs(known.stiffness).sum(axis=1) > 0):
         return None

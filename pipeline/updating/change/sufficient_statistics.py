@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.arrays import FloatArray
+from sensors.arrays import FloatArray, IndexArray
 
 SLOPE_STD = 0.01  # prior of ∂ ln f / ∂ level, beyond what the model predicts [1/m]
 WIND_STD = 0.00005  # prior of ∂ ln f / ∂ wind speed, as storms move simulated towers [s/m]
@@ -103,6 +103,24 @@ class Sensitivities:
     def half_way_error(self) -> float:
         """The same of S half way through it: its curvature cancels [-]."""
         return ROUGH_SLOPE_ERROR if self.rough else 0.0
+
+    @property
+    def slopes(self) -> FloatArray:
+        """(J, 3) S; (J, 4) with the level's a beside it where that follows from the modes, for
+        what it took of a change or did not."""
+        if self.level_std == 0.0:
+            return self.stiffness
+        return np.column_stack([self.stiffness, self.water[:, 0]])
+
+    def precision(self, size: float) -> FloatArray:
+        """Of what `slopes` multiply, beforehand, for springs' ratios of that standard deviation;
+        (3, 3) or (4, 4)."""
+        level = [] if self.level_std == 0.0 else [self.level_std**-2]
+        return np.diag([size**-2] * 3 + level)
+
+    def of_tracks(self, chosen: IndexArray) -> "Sensitivities":
+        """Of some of the tracks."""
+        return replace(self, stiffness=self.stiffness[chosen], water=self.water[chosen])
 
     @classmethod
     def unknown(cls, n_tracks: int) -> "Sensitivities":

@@ -1,5 +1,7 @@
 """Foundation or not, where the model's slopes are not those of the structure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,37 @@ def test_a_large_loss_of_stiffness_is_the_foundations_although_slopes_are_off(
         stated.append(foundation_probability(step, known, ChangeSettings()))
     assert np.median(stated) > 0.9
     assert np.mean(np.array(stated) > 0.5) >= 0.75
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_loss_of_stiffness_is_the_foundations_where_nothing_reports_the_level(seed: int) -> None:
+    """Water would move modes much as the springs do, but never by so much; a rise that the level
+    was not let follow is no more the foundation's than it was beforehand."""
+    step, slopes = softened(seed, 0.1)
+    water = np.zeros((N_MODES, 2))
+    water[:, 0] = -0.03 * slopes.mean(axis=1) * np.random.default_rng(seed).normal(1, 0.1, N_MODES)
+    known = Sensitivities(slopes, water, level_std=1.0)
+    assert foundation_probability(step, known, ChangeSettings()) > 0.9
+    risen = replace(step, g=step.h * water[:, 0] * 1.5)
+    settings = ChangeSettings()
+    assert foundation_probability(risen, known, settings) < settings.foundation_share + 0.1
+
+
+def test_a_size_is_as_unsure_along_the_water_as_the_level() -> None:
+    """By the dense covariance of a level that moves all modes, one spring's slope along it; the
+    other springs' sizes stay as they are. Closed form for weights of 1: errors are none."""
+    slopes = np.zeros((6, 3))
+    slopes[:2, 0], slopes[2:4, 1], slopes[4:, 2] = 0.1, 0.2, 0.3
+    water = np.zeros((6, 2))
+    water[:2, 0] = -0.002
+    h = np.full((1, 6), 1e6)
+    step = Steps(g=h * (slopes @ [-0.05, -0.02, 0.01]), h=h)
+    known = Sensitivities(slopes, water)
+    unknown = Sensitivities(slopes, water, level_std=1.0)
+    surely, hardly = stiffness_step(step, known), stiffness_step(step, unknown)
+    stds, wider = (np.sqrt(np.diag(each.covariance)) for each in (surely, hardly))
+    np.testing.assert_allclose(wider[1:], stds[1:], rtol=1e-3)
+    assert wider[0] == pytest.approx(np.hypot(stds[0], 0.002 / 0.1), rel=0.02)
 
 
 def test_the_size_that_a_rough_model_states_is_as_unsure_as_its_slopes() -> None:

@@ -1,5 +1,7 @@
 """The size of a change by all windows since, against the truth of drawn streams."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
@@ -58,6 +60,23 @@ def test_more_windows_make_the_size_surer_and_it_stays_right():
 def test_a_tide_that_no_model_knows_is_taken_out_of_both_sides():
     still, tidal = revised(3, 33, tide=0.0), revised(3, 33, tide=2.0)
     assert abs(still[0][1] - tidal[0][1]) < 2 * tidal[1][1]
+
+
+def test_a_size_is_less_sure_where_the_level_follows_from_the_modes_or_the_model_is_rough():
+    earlier, since = event_and_after(3, 12)
+    watered = tuple(replace(each, water=np.array([-0.003, 0.0])) for each in PAIRS)
+    surely, in_water, roughly = (
+        revised_step(earlier, since, pairs, rough=rough, level_std=level_std)
+        for pairs, rough, level_std in (
+            (PAIRS, False, 0.0),
+            (watered, False, 1.0),
+            (PAIRS, True, 0.0),
+        )
+    )
+    for each in (in_water, roughly):
+        wider = np.sqrt(np.diag(each.covariance) / np.diag(surely.covariance))
+        assert wider.max() > 1.3
+        assert wider.min() > 0.9
 
 
 def test_modes_that_were_not_seen_before_leave_nothing_to_compare():
