@@ -197,7 +197,7 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
     return (
         heading("Foundation", level)
         + table_html(springs_table(record))
-        + paragraph("narrowed by: of the prior's 90 % interval.", "quiet")
+        + paragraph("narrowed by: of the prior's 90 % interval; 0: as wide, or wider.", "quiet")
         + paragraph(fit, "quiet")
         + paragraph(structure_sentence(posterior))
         + (table_html(figures_table(record)) if posterior.figures else "")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from pipeline.messages import FoundationEvent, RefusedMode, WindowRejected
+from pipeline.messages import FoundationEvent, ParameterSummary, RefusedMode, WindowRejected
 from pipeline.report.figures import heights_known
 from pipeline.report.html import TextTable
 from pipeline.report.pictures.samples import FLAT_SHARE, ChannelStatistics
@@ -15,6 +15,7 @@ from pipeline.state.run_modes import CombinedMode
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
+NEGLIGIBLE = 1e-3  # of an interval: an end that close to 0 is 0 [-]
 MOST_ROWS = 60  # of windows, gaps or warnings; of more, the newest
 
 
@@ -35,13 +36,13 @@ def springs_table(record: TurbineRecord) -> TextTable:
                 "" if true is None else f"{true:.4f}",
                 f"{spring.median:.3e}",
                 spring.unit,
-                figure(100 * spring.contraction, ".1f"),
+                _narrowed(spring),
             )
         )
     sigma = posterior.parameter("sigma")
     rows.append(
         ("σ", "", f"below {sigma.p95:.1e} (95 %)", "", f"{sigma.median:.1e}", "-",
-         figure(100 * sigma.contraction, ".1f"))
+         _narrowed(sigma))
     )  # fmt: skip
     head = (
         "", "÷ nominal", "90 % interval", "truth", "median", "unit",
@@ -56,12 +57,23 @@ def figures_table(record: TurbineRecord) -> TextTable:
     posterior = record.state.posterior
     assert posterior is not None
     rows = tuple(
-        (figure_name(each.name), f"{each.median:.4g}", f"{each.p05:.4g} to {each.p95:.4g}",
-         each.unit, figure(100 * each.contraction, ".1f"))
+        (figure_name(each.name), f"{each.median:.4g}", _interval(each), each.unit, _narrowed(each))
         for each in posterior.figures
     )  # fmt: skip
     head = ("", "median", "90 % interval", "unit", "narrowed by [%]")
     return TextTable("Figures of the structure and its sensors", head, rows)
+
+
+def _interval(each: ParameterSummary) -> str:
+    """Return "0 to 0.1508": an end that is nothing beside the other is 0."""
+    least = NEGLIGIBLE * (each.p95 - each.p05)
+    low, high = (0.0 if abs(end) < least else end for end in (each.p05, each.p95))
+    return f"{low:.4g} to {high:.4g}"
+
+
+def _narrowed(each: ParameterSummary) -> str:
+    """Return by how much the prior's interval was narrowed [%]; 0 where a rough model widens it."""
+    return figure(100 * max(each.contraction, 0.0), ".1f")
 
 
 def percent_or_blank(share: float) -> str:
