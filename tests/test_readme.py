@@ -12,6 +12,7 @@ import pytest
 from pipeline.monitoring.alarms.settings import load_notices
 from pipeline.monitoring.status import ENDPOINT_FILE, STATUS_KEY, StatusNode
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
+from tests.pipeline.report.example_session import recorded, session
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -32,13 +33,29 @@ def test_the_examples_of_the_library_run(
     pytest.importorskip("pilewatch", reason="the project is not installed")
     monkeypatch.chdir(README.parent)
     (array_example,) = code_blocks("python")
-    recording_example, _ = code_blocks("python", PAGES / "library.md")
+    recording_example, *_ = code_blocks("python", PAGES / "library.md")
     for example in (array_example, recording_example):
         exec(compile(example, str(README), "exec"), {})
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [
         "<Modes:",
         "<Posterior:",
     ]
+
+
+def test_the_examples_that_read_a_session_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pilewatch", reason="the project is not installed")
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    (tmp_path / "out").mkdir()
+    recorded(tmp_path / "out" / "session.mcap", session())
+    monkeypatch.chdir(tmp_path)
+    *_, notebook_example = code_blocks("python", PAGES / "library.md")
+    (design_example,) = code_blocks("python", PAGES / "your-turbine.md")
+    for example in (notebook_example, design_example):
+        exec(compile(example, "page", "exec"), {})
+    pyplot.close("all")
+    assert "of 400 draws count" in capsys.readouterr().out
 
 
 def test_the_status_example_prints_the_posteriors_of_the_session_that_runs(

@@ -73,7 +73,8 @@ def test_only_whom_the_station_knows_gets_in_and_each_says_only_what_it_may(tmp_
     assert all(outcome.refused.values())
     assert outcome.own_blocks == outcome.viewer_heard == 20
     assert (outcome.foreign_blocks, outcome.viewer_said, outcome.forged_statuses) == (0, 0, 0)
-    assert {"t1.tower", "viewer"} <= set(outcome.told_connections)
+    assert (outcome.node_statuses, outcome.node_blocks) == (1, 0)
+    assert {"t1.tower", "viewer", "compute"} <= set(outcome.told_connections)
     assert outcome.exit_code == 0
 
 

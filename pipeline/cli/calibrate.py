@@ -20,7 +20,10 @@ def calibrate(
     scenario: ScenarioOption = None,
     design: Annotated[
         str | None,
-        typer.Option(help="Springs of the design: K11,K22,K12 in N/m, N·m/rad, N/rad."),
+        typer.Option(
+            help="Springs of the design: K11,K22,K12 in N/m, N·m/rad, N/rad. They help to tell the "
+            "figures from the springs; they are no prior of later sessions."
+        ),
     ] = None,
     design_std: Annotated[
         float, typer.Option(help="Standard deviation of each, as a share of it.")

@@ -251,6 +251,14 @@ def certificates(
     viewer: Annotated[
         list[str] | None, typer.Option("--viewer", help="A name that may only read; repeatable.")
     ] = None,
+    node: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--node",
+            help="A name of a machine that may read and publish results, for `pilewatch node "
+            "identification` and `updating`; repeatable.",
+        ),
+    ] = None,
     host: Annotated[
         str, typer.Option(help="Name or address at which the shore station listens.")
     ] = "localhost",
@@ -266,14 +274,17 @@ def certificates(
     from pipeline.deploy.certificates import AUTHORITY, make_certificates
 
     units = [parse_unit(text) for text in unit or ()]
-    names = [SHORE, *(each.name for each in units), *(viewer or ())]
+    viewers, nodes = viewer or [], node or []
+    names = [SHORE, *(each.name for each in units), *viewers, *nodes]
     taken = {name for name in names if names.count(name) > 1 or name == AUTHORITY}
     if taken:
         raise InputError(f"{', '.join(sorted(taken))} cannot name two machines or the authority")
-    if not units and not viewer:
-        raise InputError("no client is named: give --unit TURBINE/UNIT or --viewer NAME")
+    if not names[1:]:
+        raise InputError(
+            "no client is named: give --unit TURBINE/UNIT, --viewer NAME or --node NAME"
+        )
     made = make_certificates(folder, names, host=host)
-    written = write_configurations(folder, units, viewer or (), host=host, port=port)
+    written = write_configurations(folder, units, viewers, nodes, host=host, port=port)
     if as_json:
         print_json({"new": list(made), "written": [str(path) for path in written]})
         return

@@ -37,7 +37,8 @@ def run(
         typer.Option(
             help="replay:FILE (or a folder of files), simulate:SCENARIO, live, an instrument "
             "(such as mqtt://HOST/TOPIC), or a file of measurements (CSV, Parquet, …), which "
-            "is imported. Without it, recordings/parked.mcap is replayed."
+            "is imported. Without it, recordings/parked.mcap is replayed, or the recording and "
+            "scenario.toml of a folder that `new` made."
         ),
     ] = None,
     scenario: ScenarioOption = None,
@@ -105,9 +106,11 @@ def run(
     from pipeline.runtime.node_thread import busy_nodes
     from pipeline.sources.feed_publisher import feed_source
     from pipeline.sources.playback import Playback
-    from pipeline.sources.sources import open_source
+    from pipeline.sources.sources import default_scenario, open_source
     from sensors.feeds.address import is_feed
 
+    if source is None and scenario is None:
+        scenario = default_scenario()
     if processes and lock_step:
         raise InputError("--processes and --lock-step exclude each other; choose one")
     if lock_step and (zenoh_config or listen or connect or mode != "peer"):

@@ -2,6 +2,8 @@
 
     unit      publishes its own acceleration, layout, gap and end, and its turbine's SCADA; it alone
               reads which of its blocks the shore has recorded, which the shore alone publishes
+    node      a machine with nodes of identification or updating: publishes their results and
+              status, reads what a viewer reads
     viewer    reads everything else and publishes nothing
     own       nodes on the shore machine itself, over loopback without TLS: everything
 
@@ -26,6 +28,14 @@ SAYS = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
 HEARS = ["declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"]
 PUBLISHED = ("acceleration", "layout", "gap", "end")  # by a unit, on keys of its own
 ACKNOWLEDGED = "recorded"  # by the shore, on a unit's keys
+COMPUTED = (
+    "modal-estimate",
+    "stabilisation-diagram",
+    "window-rejected",
+    "foundation-posterior",
+    "foundation-event",
+    "status/*",
+)  # by nodes of identification and updating, of any turbine
 EVERY_KEY = ["pilewatch/**", "pilewatch/**/@adv/**", "pilewatch/@status/**"]
 
 
@@ -69,15 +79,16 @@ def parse_unit(text: str) -> Unit:
     return Unit(turbine, unit)
 
 
-def access_control(units: Sequence[Unit], viewers: Sequence[str]) -> Json:
+def access_control(
+    units: Sequence[Unit], viewers: Sequence[str], nodes: Sequence[str] = ()
+) -> Json:
     """The `access_control` section of the shore station's configuration."""
-    to_all = _with_caches([f"pilewatch/*/*/{ACKNOWLEDGED}"])
     policies = [
-        _policy(each.name, each.keys, _hearing(each.name, each.acknowledged), is_unit=True)
+        (_publishing(each.name, each.keys) + _hearing(each.name, each.acknowledged), each.name)
         for each in units
-    ] + [
-        _policy(each, EVERY_KEY, _hearing(each, to_all, "deny"), is_unit=False) for each in viewers
     ]
+    policies += [(_publishing(each, _computed_keys()) + _reading(each), each) for each in nodes]
+    policies += [(_reading(each), each) for each in viewers]
     own = _rule("own", SAYS + HEARS, ["ingress", "egress"], ["**", *EVERY_KEY])
     return {
         "enabled": True,
@@ -93,17 +104,27 @@ def access_control(units: Sequence[Unit], viewers: Sequence[str]) -> Json:
     }
 
 
-def _policy(
-    name: str, says: list[str], more: Sequence[Json], *, is_unit: bool
-) -> tuple[list[Json], str]:
-    """Rules of one machine: a unit's words come in and others' wishes go out to it; a viewer's
-    wishes come in and others' words go out to it."""
-    came_in, goes_out = ("ingress", "egress") if is_unit else ("egress", "ingress")
+def _publishing(name: str, keys: list[str]) -> list[Json]:
+    """That a machine's words come in and others' wishes go out to it."""
     return [
-        _rule(f"{name} says" if is_unit else f"{name} is told", SAYS, [came_in], says),
-        _rule(f"{name} is asked" if is_unit else f"{name} asks", HEARS, [goes_out], EVERY_KEY),
-        *more,
-    ], name
+        _rule(f"{name} says", SAYS, ["ingress"], keys),
+        _rule(f"{name} is asked", HEARS, ["egress"], EVERY_KEY),
+    ]
+
+
+def _reading(name: str) -> list[Json]:
+    """That a machine's wishes come in and others' words go out to it, except what is recorded."""
+    to_all = _with_caches([f"pilewatch/*/*/{ACKNOWLEDGED}"])
+    return [
+        _rule(f"{name} is told", SAYS, ["egress"], EVERY_KEY),
+        _rule(f"{name} asks", HEARS, ["ingress"], EVERY_KEY),
+        *_hearing(name, to_all, "deny"),
+    ]
+
+
+def _computed_keys() -> list[str]:
+    """Keys on which nodes of identification and updating publish."""
+    return _with_caches([f"pilewatch/*/{kind}" for kind in COMPUTED])
 
 
 def _hearing(name: str, keys: list[str], permission: str = "allow") -> list[Json]:
@@ -127,22 +148,28 @@ def _rule(name: str, messages: list[str], flows: list[str], keys: list[str]) -> 
 
 
 def write_configurations(
-    folder: Path, units: Sequence[Unit], viewers: Sequence[str], *, host: str, port: int
+    folder: Path,
+    units: Sequence[Unit],
+    viewers: Sequence[str],
+    nodes: Sequence[str] = (),
+    *,
+    host: str,
+    port: int,
 ) -> list[Path]:
     """Zenoh configurations for `--zenoh-config` beside the certificates: shore.json5, one a unit,
-    one a viewer. They name the certificates by the folder they lie in now."""
+    a viewer, a machine with nodes. They name the certificates by the folder they lie in now."""
     endpoint = f"tls/{host}:{port}"
     shore = _session("router", folder, SHORE) | {
         "listen": {"endpoints": [endpoint]},
-        "access_control": access_control(units, viewers),
+        "access_control": access_control(units, viewers, nodes),
     }
     written = [_written(folder, SHORE, "the shore station: routes, and lets in who may", shore)]
-    for unit in units:
-        client = _session("client", folder, unit.name) | {"connect": {"endpoints": [endpoint]}}
-        written.append(_written(folder, unit.name, "a unit on its tower", client))
-    for viewer in viewers:
-        client = _session("client", folder, viewer) | {"connect": {"endpoints": [endpoint]}}
-        written.append(_written(folder, viewer, "hears everything, says nothing", client))
+    clients = {unit.name: "a unit on its tower" for unit in units}
+    clients |= dict.fromkeys(nodes, "nodes of identification and updating")
+    clients |= dict.fromkeys(viewers, "hears everything, says nothing")
+    for name, comment in clients.items():
+        client = _session("client", folder, name) | {"connect": {"endpoints": [endpoint]}}
+        written.append(_written(folder, name, comment, client))
     return written
 
 

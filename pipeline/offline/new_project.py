@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.offline.project_layout import (
-    LAYOUT_FILE,
     Placing,
     ProjectLayout,
     guessed_layout,
@@ -22,6 +21,7 @@ from pipeline.offline.project_layout import (
 from pipeline.offline.project_texts import scenario_text, structure_text
 from pipeline.scenario import NO_STRUCTURE, Scenario, scenario_from_text
 from pipeline.sources.import_files import Measurement, open_measurement, record_measurement
+from pipeline.sources.sources import LAYOUT_FILE, SCENARIO_FILE
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
@@ -42,7 +42,6 @@ from sensors.structure.foundation import FoundationSprings
 
 _log = logging.getLogger(__name__)
 
-SCENARIO_FILE = "scenario.toml"
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 LOWEST_RATE = 0.2  # of samples that can show a tower's or a floater's motion [Hz]
 SLOWER = 0.9  # of the values of others: a channel below has a lower sampling rate [-]

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.offline.project_texts import layout_text
+from pipeline.sources.sources import LAYOUT_FILE
 from sensors.errors import InputError
 from sensors.files.channel_names import GuessedChannel, UnusedChannel, guess_channels, split_motions
 from sensors.files.layout_file import LayoutFile, load_layout, parse_layout
 from sensors.files.table import ChannelTable, TimeColumn
 
-LAYOUT_FILE = "layout.toml"  # in the folder of a project
 Placing = Callable[[GuessedChannel], GuessedChannel]
 
 

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 DEFAULT_RECORDING = Path("recordings/parked.mcap")
+LAYOUT_FILE, SCENARIO_FILE = "layout.toml", "scenario.toml"  # of a folder by `pilewatch new`
 SHIPPED_RECORDING = Path(__file__).parents[1] / DEFAULT_RECORDING  # in the wheel
 COMPACT = RecorderSettings(chunk_duration=600.0, chunk_bytes=2**22)  # nothing is at risk here
 
@@ -259,6 +260,18 @@ def _default_source(scenario: str | None) -> Source:
         f"`pilewatch simulate {DEFAULT_SCENARIO} -o {DEFAULT_RECORDING}`, "
         "or choose --source replay:FILE or --source simulate:SCENARIO"
     )
+
+
+def default_scenario() -> str | None:
+    """Return the scenario file of the working folder if `pilewatch new` made the folder, else None.
+
+    The file may have been edited since its copy was stored in the folder's recording.
+    """
+    files = (LAYOUT_FILE, SCENARIO_FILE)
+    if DEFAULT_RECORDING.exists() or not all(Path(file).exists() for file in files):
+        return None
+    n_recordings = len(list(DEFAULT_RECORDING.parent.glob("*.mcap")))
+    return SCENARIO_FILE if n_recordings == 1 else None
 
 
 def replayed(path: Path, scenario: str | None = None) -> Source:

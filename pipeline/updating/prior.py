@@ -26,7 +26,11 @@ class UpdatingError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class PriorSettings:
-    """Bounds of the uniform prior, [foundation-updating] §4.2."""
+    """Bounds of the uniform prior of an exact structure, [foundation-updating] §4.2.
+
+    Where the structure is uncertain, the springs' prior is fixed and wide, and `highest_sigma`
+    alone is used.
+    """
 
     lowest_ratio: float = 0.25  # k / nominal [-]
     highest_ratio: float = 4.0  # k / nominal [-]

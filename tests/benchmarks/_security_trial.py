@@ -1,6 +1,6 @@
 """Who gets in and what of it gets through: a shore station with certificates and access control.
 
-    unit t1/tower ──tls──► [shore: a live session, a router] ◄──tls── viewer
+    unit t1/tower ──tls──► [shore: a live session, a router] ◄──tls── viewer, nodes elsewhere
     stranger, no certificate, wrong key, another unit's key        asked how it does
 
 The station is a process of its own (`pilewatch run --source live --zenoh-config shore.json5`).
@@ -28,6 +28,7 @@ from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import LAYOUT, block, status
 
+NAMES = ["shore", "t1.tower", "t2.tower", "viewer", "compute"]
 PATIENCE = 60.0  # for what another process does [s]
 
 
@@ -41,6 +42,8 @@ class SecurityOutcome:
     viewer_heard: int  # blocks of the unit that the viewer received
     viewer_said: int  # of the viewer's words that the station took
     forged_statuses: int  # of nodes of the station, sent by the unit
+    node_statuses: int  # of a node on another machine, sent by that machine
+    node_blocks: int  # of a unit, sent by that machine
     told_connections: tuple[str, ...]  # names in certificates, as `pilewatch status` shows them
     exit_code: int
 
@@ -50,14 +53,15 @@ def security_trial(folder: Path, *, n_blocks: int = 20) -> SecurityOutcome:
     port = _free_port()
     ours, foreign = folder / "ours", folder / "foreign"
     for place in (ours, foreign):
-        make_certificates(place, ["shore", "t1.tower", "t2.tower", "viewer"], host="localhost")
+        make_certificates(place, NAMES, host="localhost")
         units = [parse_unit("t1/tower"), parse_unit("t2/tower")]
-        write_configurations(place, units, ["viewer"], host="localhost", port=port)
+        write_configurations(place, units, ["viewer"], ["compute"], host="localhost", port=port)
     with station(ours / "shore.json5", folder / "out") as shore:
         refused = {who: not _gets_in(path) for who, path in strangers(ours, foreign).items()}
         with (
             closing(_bus(ours / "t1.tower.json5")) as unit,
             closing(_bus(ours / "viewer.json5")) as viewer,
+            closing(_bus(ours / "compute.json5")) as compute,
         ):
             heard = Inbox()
             viewer.subscribe([AccelerationBlock], heard)
@@ -67,8 +71,13 @@ def security_trial(folder: Path, *, n_blocks: int = 20) -> SecurityOutcome:
                 unit.publish(block(sequence, turbine="t2"))
             unit.publish(status("forged"))
             viewer.publish(block(n_blocks, turbine="t3"))
+            compute.publish(block(n_blocks, turbine="t4"))
+            compute.publish(status("elsewhere"))
             received = _received(heard, n_blocks)
-            told = _until(folder / "out", lambda told: _count(told, "t1") >= n_blocks)
+            told = _until(
+                folder / "out",
+                lambda told: _count(told, "t1") >= n_blocks and _statuses(told, "elsewhere") > 0,
+            )
         shore.send_signal(signal.SIGTERM)
         exit_code = shore.wait(PATIENCE)
     return SecurityOutcome(
@@ -77,7 +86,9 @@ def security_trial(folder: Path, *, n_blocks: int = 20) -> SecurityOutcome:
         foreign_blocks=_count(told, "t2"),
         viewer_heard=received,
         viewer_said=_count(told, "t3"),
-        forged_statuses=sum(each["node"] == "forged" for each in told["nodes"]),
+        forged_statuses=_statuses(told, "forged"),
+        node_statuses=_statuses(told, "elsewhere"),
+        node_blocks=_count(told, "t4"),
         told_connections=tuple(sorted(told["connections"])),
         exit_code=exit_code,
     )
@@ -137,6 +148,10 @@ def _received(inbox: Inbox, wanted: int) -> int:
 def _count(told: dict[str, Any], turbine: str) -> int:
     key = f"pilewatch/{turbine}/tower/acceleration"
     return sum(each["messages"] for each in told["streams"] if each["key"] == key)
+
+
+def _statuses(told: dict[str, Any], node: str) -> int:
+    return sum(each["node"] == node for each in told["nodes"])
 
 
 @contextmanager

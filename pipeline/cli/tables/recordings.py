@@ -90,10 +90,12 @@ def scenarios_table(scenarios: Sequence[Scenario]) -> Table:
     table.add_column("duration", justify="right")
     table.add_column("title")
     for scenario in scenarios:
-        table.add_row(
-            scenario.name, duration_in_words(scenario.simulation.duration), scenario.title
-        )
-    table.caption = "pilewatch simulate --describe NAME: details of one"
+        duration = duration_in_words(scenario.simulation.duration)
+        table.add_row(scenario.name, duration if scenario.has_structure else "–", scenario.title)
+    table.caption = (
+        "pilewatch simulate --describe NAME: details of one; –: without a structure, for run and "
+        "import only"
+    )
     return table
 
 

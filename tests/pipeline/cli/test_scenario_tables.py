@@ -37,6 +37,13 @@ def test_the_list_names_every_scenario_with_its_duration() -> None:
     assert "3 h 20 min" in result
 
 
+def test_the_list_marks_a_scenario_that_cannot_be_simulated() -> None:
+    result = CliRunner().invoke(app, ["simulate", "--list"]).output
+    (row,) = [line for line in result.splitlines() if "modes-only" in line]
+    assert row.split()[3] == "–"
+    assert "–: without a structure, for run and import only" in " ".join(result.split())
+
+
 @pytest.mark.parametrize(
     ("duration", "words"),
     [(600.0, "10 min"), (12000.0, "3 h 20 min"), (43200.0, "12 h"), (8, "8 s")],

@@ -4,6 +4,7 @@ import json
 import ssl
 import stat
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -12,6 +13,15 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from pipeline.deploy.access import Unit, access_control, parse_unit, write_configurations
 from pipeline.deploy.certificates import CertificateError, Identity, make_certificates
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    ModalEstimate,
+    NodeStatus,
+    StabilisationDiagram,
+    WindowRejected,
+)
+from pipeline.streams import stream_of
 from pipeline.transport.zenoh_bus import ZenohSettings
 from sensors.errors import InputError
 
@@ -74,30 +84,49 @@ def test_a_unit_publishes_its_own_keys_alone_and_a_viewer_none() -> None:
     }
 
 
+def allowed(section: dict[str, Any], who: str, message: str, flow: str, key: str) -> bool:
+    """Whether the rules let a message on a key pass between the shore and a machine."""
+    (named,) = [each for each in section["policies"] if each["subjects"] == [who]]
+    rules = [each for each in section["rules"] if each["id"] in named["rules"]]
+    fits = [
+        each["permission"]
+        for each in rules
+        if message in each["messages"]
+        and flow in each["flows"]
+        and any(zenoh.KeyExpr(k).includes(zenoh.KeyExpr(key)) for k in each["key_exprs"])
+    ]
+    return "allow" in fits and "deny" not in fits
+
+
 def test_the_shore_alone_acknowledges_and_only_to_the_unit_itself() -> None:
-    section = access_control([Unit("t1", "tower"), Unit("t2", "tower")], ["viewer"])
+    section = access_control([Unit("t1", "tower"), Unit("t2", "tower")], ["viewer"], ["compute"])
     key = "pilewatch/t1/tower/recorded"
+    assert allowed(section, "own", "put", "ingress", key)
+    assert allowed(section, "t1.tower", "declare_subscriber", "ingress", key)
+    assert allowed(section, "t1.tower", "put", "egress", key)
+    assert not allowed(section, "t1.tower", "put", "ingress", key)
+    for other in ("t2.tower", "viewer", "compute"):
+        assert not allowed(section, other, "put", "ingress", key)
+        assert not allowed(section, other, "put", "egress", key)
+        assert not allowed(section, other, "declare_subscriber", "ingress", key)
 
-    def allowed(who: str, message: str, flow: str) -> bool:
-        (named,) = [each for each in section["policies"] if each["subjects"] == [who]]
-        rules = [each for each in section["rules"] if each["id"] in named["rules"]]
-        fits = [
-            each["permission"]
-            for each in rules
-            if message in each["messages"]
-            and flow in each["flows"]
-            and any(zenoh.KeyExpr(k).includes(zenoh.KeyExpr(key)) for k in each["key_exprs"])
-        ]
-        return "allow" in fits and "deny" not in fits
 
-    assert allowed("own", "put", "ingress")
-    assert allowed("t1.tower", "declare_subscriber", "ingress")
-    assert allowed("t1.tower", "put", "egress")
-    assert not allowed("t1.tower", "put", "ingress")
-    for other in ("t2.tower", "viewer"):
-        assert not allowed(other, "put", "ingress")
-        assert not allowed(other, "put", "egress")
-        assert not allowed(other, "declare_subscriber", "ingress")
+def test_a_machine_with_nodes_reads_samples_and_publishes_results_alone() -> None:
+    section = access_control([Unit("t1", "tower")], ["viewer"], ["compute"])
+    computed = (
+        *(ModalEstimate, StabilisationDiagram, WindowRejected),
+        *(FoundationPosterior, FoundationEvent, NodeStatus),
+    )
+    keys = [stream_of(kind).key.format(turbine="t1", node="updating") for kind in computed]
+    for key in (*keys, *(f"{key}/@adv/pub/1" for key in keys)):
+        assert allowed(section, "compute", "put", "ingress", key)
+        assert allowed(section, "compute", "query", "egress", key)
+        assert not allowed(section, "viewer", "put", "ingress", key)
+    block = "pilewatch/t1/tower/acceleration"
+    for key in (block, f"{block}/@adv/pub/1", "pilewatch/t1/scada"):
+        assert allowed(section, "compute", "put", "egress", key)
+        assert allowed(section, "compute", "query", "ingress", key)
+        assert not allowed(section, "compute", "put", "ingress", key)
 
 
 @pytest.mark.parametrize("text", ["t1", "t1/", "/tower", "t1/a/b", "t1/*"])
@@ -108,11 +137,12 @@ def test_a_unit_that_is_none_is_one_line(text: str) -> None:
 
 def test_the_configurations_are_ones_that_zenoh_reads(tmp_path: Path) -> None:
     written = write_configurations(
-        tmp_path, [Unit("t1", "tower")], ["viewer"], host="localhost", port=7447
+        tmp_path, [Unit("t1", "tower")], ["viewer"], ["compute"], host="localhost", port=7447
     )
-    assert [path.name for path in written] == ["shore.json5", "t1.tower.json5", "viewer.json5"]
+    names = [path.stem for path in written]
+    assert names == ["shore", "t1.tower", "compute", "viewer"]
     roles = [ZenohSettings(config_file=path).role for path in written]
-    assert roles == ["router", "client", "client"]
+    assert roles == ["router", "client", "client", "client"]
     assert ZenohSettings(config_file=written[1]).endpoints == ("tls/localhost:7447",)
     told = json.loads(written[1].read_text().partition("\n")[2])
     assert told["transport"]["link"]["tls"]["enable_mtls"] is True

@@ -1,16 +1,20 @@
 """From a file of measurements to a folder in which a run starts, with every guess stated."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from pipeline.cli import app
+from pipeline.messages import ModalEstimate, WindowRejected
 from pipeline.offline.new_project import start_project
 from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
-from pipeline.sources.sources import open_source, replayed
+from pipeline.sources.sources import default_scenario, open_source, replayed
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
 from sensors.structure.description import shipped_text
@@ -43,6 +47,21 @@ def test_a_run_starts_in_the_folder_that_was_made(
     run_session(source, SessionOptions(way="lock-step", rrd=False))
     assert source.scenario.oma.window_duration == 300.0
     assert Path("out/session.mcap").exists()
+
+
+def test_an_edited_scenario_of_the_folder_is_the_one_that_a_run_takes(
+    measurement: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run without options; the copy in the recording is older."""
+    project = start_project([measurement], tmp_path / "mast")
+    monkeypatch.chdir(project.folder)
+    text = Path("scenario.toml").read_text()
+    Path("scenario.toml").write_text(re.sub(r"= 300.0", "= 100.0", text))
+    assert CliRunner().invoke(app, ["run", "--lock-step", "--no-rrd"]).exit_code == 0
+    estimates = read_messages(Path("out/session.mcap"), (ModalEstimate, WindowRejected))
+    assert len(list(estimates)) == 3
+    Path("layout.toml").unlink()  # no folder of `new`: a scenario beside a recording by chance
+    assert default_scenario() is None
 
 
 def test_what_is_recorded_has_the_places_of_the_layout(measurement: Path, tmp_path: Path) -> None:
