@@ -30,6 +30,8 @@ SENSOR = (  # codes of windows that concern an instrument
     "unsynchronised-clock",
     "unsynchronised-units",
 )
+CLOCK = ("clock-unset", "clock-step", "clock-rate", "clock-drift")  # of windows, their stamps
+KIND_OF_CODE = dict.fromkeys(SENSOR, "sensor") | dict.fromkeys(CLOCK, "clock")
 REFUSAL_CODES = (
     "few-pairs",
     "pairing-cost",
@@ -78,7 +80,7 @@ class AlarmRules:
         self._settings = settings
         self._run = RunState(kept=1)
         self._looked_ns = 0
-        self._sensor_keys: dict[str, set[str]] = {}  # by turbine: keys of conditions that last
+        self._window_keys: dict[str, dict[str, str]] = {}  # by turbine: key → kind of what lasts
         self._books_keys: dict[str, str] = {}  # of alarms of the books that last: key → turbine
 
     def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
@@ -91,13 +93,13 @@ class AlarmRules:
             case StreamGap():
                 found = self._gap(message)
             case ModalEstimate():
-                found = self._sensor(message)
+                found = self._instruments(message)
             case WindowRejected():
                 found = self._rejected(message)
             case FoundationPosterior():
                 found = _posterior(message)
             case NodeStatus():
-                found = _recorder(message)
+                found = (*_recorder(message), *_clock(message))
         answered = isinstance(message, ModalEstimate | WindowRejected | FoundationPosterior)
         of_books = self._of_books() if answered else ()
         for cause in (*found, *of_books, *self._silences(now_ns)):
@@ -125,39 +127,40 @@ class AlarmRules:
         yield AlarmCondition(key, "gap", gap.turbine, text)
         yield AlarmCondition(key, "gap", gap.turbine, "", over=True)  # samples have resumed
 
-    def _sensor(self, estimate: ModalEstimate) -> Iterator[AlarmCondition]:
+    def _instruments(self, estimate: ModalEstimate) -> Iterator[AlarmCondition]:
         """Warnings about instruments in a window; those that it does not repeat are over."""
         turbine = estimate.turbine
         found = {
-            self._sensor_key(turbine, each.code, each.text): each.text
+            self._instrument_key(turbine, each.code, each.text): each
             for each in estimate.warnings
-            if each.code in SENSOR
+            if each.code in KIND_OF_CODE
         }
-        for key, text in found.items():
-            yield AlarmCondition(
-                key, "sensor", turbine, f"{text} ({_window_from(estimate.start_ns)})"
-            )
-        for key in sorted(self._sensor_keys.get(turbine, set()) - found.keys()):
-            yield AlarmCondition(key, "sensor", turbine, "", over=True)
-        self._sensor_keys[turbine] = set(found)
+        begin = _window_from(estimate.start_ns)
+        for key, each in found.items():
+            yield AlarmCondition(key, KIND_OF_CODE[each.code], turbine, f"{each.text} ({begin})")
+        lasting = self._window_keys.get(turbine, {})
+        for key in sorted(lasting.keys() - found.keys()):
+            yield AlarmCondition(key, lasting[key], turbine, "", over=True)
+        self._window_keys[turbine] = {key: KIND_OF_CODE[each.code] for key, each in found.items()}
 
     def _rejected(self, window: WindowRejected) -> Iterator[AlarmCondition]:
         """A window that is rejected for another reason ends no instrument's condition."""
         turbine, begin = window.turbine, _window_from(window.start_ns)
-        if window.code in SENSOR:
-            key = self._sensor_key(turbine, window.code, window.reason)
-            yield AlarmCondition(key, "sensor", turbine, f"{window.reason} ({begin}, not used)")
-            self._sensor_keys.setdefault(turbine, set()).add(key)
+        if window.code in KIND_OF_CODE:
+            kind = KIND_OF_CODE[window.code]
+            key = self._instrument_key(turbine, window.code, window.reason)
+            yield AlarmCondition(key, kind, turbine, f"{window.reason} ({begin}, not used)")
+            self._window_keys.setdefault(turbine, {})[key] = kind
         elif window.code in REFUSAL_CODES:
             text = f"no posterior of the {begin}: {window.reason}"
             yield AlarmCondition(f"{turbine}/refused", "refused", turbine, text)
 
-    def _sensor_key(self, turbine: str, code: str, text: str) -> str:
+    def _instrument_key(self, turbine: str, code: str, text: str) -> str:
         """One fault of certain channels; the same fault of another channel has another key."""
         layouts = self._run.turbine(turbine).layouts.values()
         channels = {channel.name for layout in layouts for channel in layout.channels}
         named = sorted({name for name in _NAME.findall(text) if name in channels})
-        return "/".join([turbine, "sensor", code, *named])
+        return "/".join([turbine, KIND_OF_CODE[code], code, *named])
 
     def _silences(self, now_ns: int) -> Iterator[AlarmCondition]:
         """Units and nodes from which nothing has come for too long, and those that are back."""
@@ -191,6 +194,13 @@ def _recorder(status: NodeStatus) -> Iterator[AlarmCondition]:
         text = stopped[0].text if stopped else ""
         key = f"{status.turbine}/recorder"
         yield _state(key, "recorder", status.turbine, text, bool(stopped))
+
+
+def _clock(status: NodeStatus) -> Iterator[AlarmCondition]:
+    """Clocks of units that differ from the recorder's, as long as they do."""
+    if status.node == "recorder":
+        text = "; ".join(each.text for each in status.warnings if each.code == "clock-off")
+        yield _state(f"{status.turbine}/clock", "clock", status.turbine, text, bool(text))
 
 
 _NAME = re.compile(r"[^\s,;:()]+")  # what may be the name of a channel

@@ -35,8 +35,8 @@ from sensors.errors import InputError
 from sensors.settings import settings_from_table
 
 KINDS = (
-    *("change", "gap", "silence", "sensor", "untrusted", "refused", "node", "recorder"),
-    *("books", "no-posterior", "delivery"),
+    *("change", "gap", "silence", "sensor", "clock", "untrusted", "refused", "node"),
+    *("recorder", "books", "no-posterior", "delivery"),
 )
 TLS_PORT = 465  # SMTP with TLS from the first byte (RFC 8314)
 

@@ -159,6 +159,33 @@ def test_a_recording_that_stopped_is_told_by_its_recorder(finder: AlarmRules) ->
     assert (cause.kind, cause.text) == ("recorder", "recording has stopped: full")
 
 
+@pytest.mark.parametrize("code", ["clock-unset", "clock-step", "clock-rate", "clock-drift"])
+def test_stamps_that_are_wrong_are_an_alarm_until_a_window_without_them(
+    finder: AlarmRules, code: str
+) -> None:
+    stepped = WindowRejected("t1", 0, START_NS, 1, code, "the clock of unit u stepped by 3600 s")
+    drifting = replace(
+        estimate_of(1), turbine="t1", warnings=(QualityWarning(code, "by the stamps"),)
+    )
+    well = replace(estimate_of(2), turbine="t1", warnings=())
+
+    found = [*wrong(finder.causes(stepped, START_NS)), *wrong(finder.causes(drifting, START_NS))]
+    assert [(each.kind, each.key) for each in found] == 2 * [("clock", f"t1/clock/{code}")]
+    (ended,) = [each for each in finder.causes(well, START_NS) if each.over and "clock" in each.key]
+    assert ended.kind == "clock"
+
+
+def test_a_clock_that_differs_from_the_recorders_is_an_alarm_while_it_does(
+    finder: AlarmRules,
+) -> None:
+    off = QualityWarning("clock-off", "the clock of unit u of t1 is 86400 s behind this machine's")
+    early = replace(status("recorder"), warnings=(off,))
+
+    (cause,) = wrong(finder.causes(early, START_NS))
+    assert (cause.kind, cause.text) == ("clock", off.text)
+    assert cause.key in over(finder.causes(status("recorder"), START_NS))
+
+
 def test_kinds_that_nobody_wants_are_left_out() -> None:
     finder = AlarmRules(AlarmLogSettings(kinds=("gap",)))
 
