@@ -180,6 +180,7 @@ REMEDIES = (
     ("grpc", "pip install 'pilewatch[dev]'"),
     ("matplotlib", "pip install 'pilewatch[plot]'"),
     ("pandas", "pip install 'pilewatch[notebook]'"),
+    ("`notebook`", "pip install 'pilewatch[notebook]'"),
     ("not installed", "pip install -e '.[dev]'"),
 )
 
