@@ -38,8 +38,9 @@ RECORDING = Path(__file__).parents[1] / "recordings" / "parked.mcap"
 HALF_AN_HOUR = 1800.0  # [s]
 VERSIONS = ("numpy", "scipy", "emcee", "protobuf")
 FREQUENCY_TOLERANCE = 1e-3  # of another BLAS: rounding moves which pole represents a mode [-]
-MEDIAN_TOLERANCE = 0.15  # of another BLAS: a mode whose pole is another one, of half a 90 %
-# interval; a window whose pairs are the same moves by 1e-6 of it [-]
+SAME_POLES = 1e-6  # of all frequencies of a run, by the same poles [-]
+MEDIAN_TOLERANCE = {True: 0.05, False: 0.15}  # of another BLAS, of half a 90 % interval, by whether
+# all poles are the same: seen .0013, and .08 where one mode's pole was another one [-]
 
 # Windows of the recording that another test has identified are taken from it, to the bit.
 pytestmark = pytest.mark.usefixtures("identified_once")
@@ -137,13 +138,16 @@ def test_a_run_gives_the_same_messages_as_before(name: str) -> None:
         return
     warnings.warn(f"compared with tolerances: {machine()} is not {golden['machine']}", stacklevel=1)
     assert now["counts"]["ModalEstimate"] == before["counts"]["ModalEstimate"]
+    farthest = 0.0
     for ours, theirs in zip(now["frequencies"], before["frequencies"], strict=True):
-        nearest = [min(abs(f / g - 1) for g in ours) for f in theirs]
-        assert np.mean(np.array(nearest) < FREQUENCY_TOLERANCE) > 0.9
+        nearest = np.array([min(abs(f / g - 1) for g in ours) for f in theirs])
+        assert np.mean(nearest < FREQUENCY_TOLERANCE) > 0.9
+        farthest = max(farthest, float(nearest.max(initial=0.0)))
+    tolerance = MEDIAN_TOLERANCE[farthest < SAME_POLES]
     moved = np.subtract(now["medians"], before["medians"]) / before["half_widths"]
-    assert np.abs(moved).max() < MEDIAN_TOLERANCE
+    assert np.abs(moved).max() < tolerance
     np.testing.assert_allclose(
-        np.log(now["half_widths"]), np.log(before["half_widths"]), atol=MEDIAN_TOLERANCE
+        np.log(now["half_widths"]), np.log(before["half_widths"]), atol=tolerance
     )
 
 

@@ -135,9 +135,10 @@ def start_project(
         table = channels_in(files[0], None, replace(EVERYTHING, time=time))
         places = guessed_layout(table, str(files[0]), turbine=turbine, time=time, place=place)
     else:
-        own = replace(EVERYTHING, time=load_layout(layout).time)
+        stated = load_layout(layout)
+        own = replace(EVERYTHING, time=stated.time)
         table = channels_in(files[0], None, dated(own, time))
-        places = stated_layout(layout, table, name=name)
+        places = stated_layout(layout, stated, table, name=name)
     if structure != NO_STRUCTURE:
         places.require_places()
 

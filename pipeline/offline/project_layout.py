@@ -3,14 +3,14 @@ guess."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.offline.project_texts import layout_text
 from pipeline.sources.sources import LAYOUT_FILE
 from sensors.errors import InputError
 from sensors.files.channel_names import GuessedChannel, UnusedChannel, guess_channels, split_motions
-from sensors.files.layout_file import LayoutFile, load_layout, parse_layout
+from sensors.files.layout_file import LayoutFile, parse_layout
 from sensors.files.table import ChannelTable, TimeColumn
 
 Placing = Callable[[GuessedChannel], GuessedChannel]
@@ -26,15 +26,10 @@ class ProjectLayout:
     """Channels of the files that are not in the layout."""
     text: str
     """Of the layout file in the project's folder."""
-    time: TimeColumn
-    """What the titles do not state of it."""
+    mapping: LayoutFile
+    """As files are read by it."""
     is_stated: bool
     """Whether the places are a layout file's; else they are read from names."""
-
-    @property
-    def mapping(self) -> LayoutFile:
-        """As files are read by it."""
-        return parse_layout(self.text, LAYOUT_FILE)
 
     def without(self, unused: Collection[UnusedChannel]) -> "ProjectLayout":
         """Return the layout without channels that show nothing; a stated one keeps them."""
@@ -42,12 +37,8 @@ class ProjectLayout:
             return self
         gone = {each.name for each in unused}
         channels = tuple(each for each in self.channels if each.name not in gone)
-        return replace(
-            self,
-            channels=channels,
-            left_out=(*self.left_out, *unused),
-            text=layout_text(channels, self.turbine, self.time),
-        )
+        left_out = (*self.left_out, *unused)
+        return _as_guessed(self.turbine, channels, left_out, self.mapping.time)
 
     def require_places(self) -> None:
         """Raise InputError where a structural model could not be compared with a channel."""
@@ -60,13 +51,17 @@ class ProjectLayout:
             )
 
 
-def stated_layout(path: Path, table: ChannelTable, *, name: str = "") -> ProjectLayout:
+def stated_layout(
+    path: Path, stated: LayoutFile, table: ChannelTable, *, name: str = ""
+) -> ProjectLayout:
     """Return the layout of a file.
 
     Parameters
     ----------
     path : Path
         Layout file.
+    stated : LayoutFile
+        What it holds.
     table : ChannelTable
         Every channel of the measurement.
     name : str
@@ -74,12 +69,9 @@ def stated_layout(path: Path, table: ChannelTable, *, name: str = "") -> Project
 
     Raises
     ------
-    LayoutError
-        If the file cannot be read.
     InputError
         If the turbine is given another name.
     """
-    stated = load_layout(path)
     if name and name != stated.turbine:
         raise InputError(f"--name {name!r}: {path} names the turbine {stated.turbine!r}")
     listed = {channel.name for channel in stated.channels}
@@ -96,7 +88,7 @@ def stated_layout(path: Path, table: ChannelTable, *, name: str = "") -> Project
         UnusedChannel(each, "not in the layout") for each in table.names if each not in listed
     )
     text = path.read_text("utf-8-sig")
-    return ProjectLayout(stated.turbine, channels, left_out, text, stated.time, is_stated=True)
+    return ProjectLayout(stated.turbine, channels, left_out, text, stated, is_stated=True)
 
 
 def guessed_layout(
@@ -126,8 +118,18 @@ def guessed_layout(
     channels = guess_channels(table.only(columns).names)
     if place is not None:
         channels = tuple(each if each.known else place(each) for each in channels)
+    return _as_guessed(turbine, channels, left_out, time)
+
+
+def _as_guessed(
+    turbine: str,
+    channels: tuple[GuessedChannel, ...],
+    left_out: tuple[UnusedChannel, ...],
+    time: TimeColumn,
+) -> ProjectLayout:
     text = layout_text(channels, turbine, time)
-    return ProjectLayout(turbine, channels, left_out, text, time, is_stated=False)
+    mapping = parse_layout(text, LAYOUT_FILE)
+    return ProjectLayout(turbine, channels, left_out, text, mapping, is_stated=False)
 
 
 def choose_channels(

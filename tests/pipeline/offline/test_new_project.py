@@ -133,6 +133,14 @@ def test_a_layout_file_states_the_places_that_names_do_not(unplaced: Path, tmp_p
     assert layout.channels[0].coupling == "ac"
 
 
+def test_a_layout_file_that_lists_another_channel_is_named(unplaced: Path, tmp_path: Path) -> None:
+    stated = tmp_path / "places.toml"
+    stated.write_text(PLACES.replace("ch2", "ch7"))
+    with pytest.raises(InputError, match=r"places.toml: the measurement has no channel 'ch7'"):
+        start_project([unplaced], tmp_path / "out", layout=stated)
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_layout_file_names_the_turbine(unplaced: Path, tmp_path: Path) -> None:
     stated = tmp_path / "places.toml"
     stated.write_text(PLACES)
