@@ -98,13 +98,39 @@ class Matcher:
         evidence = measured
         if measured.level_varied:
             pairing, local, evidence = self._out_of_water(measured, pairing, local)
-        targets = self._targets(evidence)
-        modes = local.modal(self._prior.stiffness(pairing.ratios[None]))
-        mac = macs(targets, modes.shapes)[0]
+        used = self._used(evidence, pairing, local, pairing.ratios)
+        match = self._match_of(evidence, pairing, local, used, pairing.ratios)
+        there = self._used(evidence, pairing, local, match.peak.ratios)
+        if _choices(there) == _choices(used):
+            return match
+        return self._match_of(evidence, pairing, local, there, match.peak.ratios)
+
+    def _used(
+        self,
+        evidence: ModalEvidence,
+        pairing: Pairing,
+        local: ForwardModel,
+        ratios: FloatArray,
+    ) -> tuple[ModeComparison, ...]:
+        """What of the paired modes is compared, as the model's neighbours lie at some springs: the
+        search ends beside the peak, by another distance for other draws."""
+        modes = local.modal(self._prior.stiffness(ratios[None]))
+        mac = macs(self._targets(evidence), modes.shapes)[0]
         frequencies = modes.frequencies[0]
         used = self._compared(observations(evidence, pairing, frequencies, self._settings, mac=mac))
         if not used:
             raise without_partner(len(evidence.modes))
+        return used
+
+    def _match_of(
+        self,
+        evidence: ModalEvidence,
+        pairing: Pairing,
+        local: ForwardModel,
+        used: tuple[ModeComparison, ...],
+        start: FloatArray,
+    ) -> Match:
+        """The match of chosen comparisons, its peak sought from some springs."""
         columns = sorted({mode for each in used for mode in each.model_modes})
         forward = local.subset([local.labels[mode] for mode in columns])
         likelihood = ModalLikelihood(
@@ -114,7 +140,7 @@ class Matcher:
             settings=self._settings,
             highest_sigma=self._prior.settings.highest_sigma,
         )
-        peak = laplace_peak(likelihood, forward, self._prior, pairing.ratios)
+        peak = laplace_peak(likelihood, forward, self._prior, start)
         return Match(pairing, evidence, used, likelihood, local, forward, peak)
 
     def _out_of_water(
@@ -139,6 +165,11 @@ class Matcher:
         """Those of the modes that the settings name; all where they name none."""
         named, labels = self._settings.modes, self._forward.labels
         return tuple(each for each in found if not named or labels[each.model_modes[0]] in named)
+
+
+def _choices(used: Sequence[ModeComparison]) -> list[tuple[tuple[int, ...], bool]]:
+    """Which modes are compared, and whether in shape, apart from by how much frequencies widen."""
+    return [(each.model_modes, each.shape_used) for each in used]
 
 
 def partners_in_water(forward: ForwardModel) -> list[PartnerInWater]:

@@ -75,6 +75,30 @@ def test_a_last_window_without_any_partner_is_refused_whatever_the_earlier_ones_
         matcher().matched(replace(evidence, modes=tuple(gone)))
 
 
+def test_what_is_compared_is_decided_at_the_peak_wherever_the_search_ended(monkeypatch):
+    """A neighbour is nearer than shapes may be at one end of the search, not at the peak: draws of the search must not decide whether a shape counts."""
+    matching, evidence = matcher(), evidence_of(2)
+    peak = matching.matched(evidence).peak.ratios
+    far = np.array([0.8, 0.7, 0.7])
+    there, at_peak = (_gaps(TOWER.modal((ratios * TOWER.nominal)[None])) for ratios in (far, peak))
+    moved = int(np.argmax(np.abs(there - at_peak)))
+    monkeypatch.setattr(LikelihoodSettings, "shape_mixing", (there[moved] + at_peak[moved]) / 2)
+    monkeypatch.setattr(LikelihoodSettings, "mixing_mac", 0.0)
+    found = matching._search.best(matching._targets(evidence), np.ones(3))
+    used = [
+        matching._match(evidence, replace(found, ratios=start)).used[moved].shape_used
+        for start in (far, peak)
+    ]
+    assert used[0] == used[1] == (at_peak[moved] > there[moved])
+
+
+def _gaps(modes):
+    """Relative distance of every mode to its nearest neighbour."""
+    frequencies = modes.frequencies[0]
+    gaps = np.abs(frequencies[:, None] / frequencies - 1) + 9 * np.eye(len(frequencies))
+    return gaps.min(axis=0)
+
+
 def test_the_water_is_taken_out_at_the_stiffness_that_is_found_without_it():
     """Two windows at a level of 1.5 m, springs 10 % stiffer, frequencies that the water lowers by
     2 %: one part in thirty of it stays at most. At the stiffness of wet windows a fifth would."""
