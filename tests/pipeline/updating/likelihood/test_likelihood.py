@@ -239,6 +239,20 @@ def test_a_neighbour_takes_the_shape_or_widens_the_frequency(gap, shape_used, ad
     assert found[0].gap == pytest.approx(added)
 
 
+@pytest.mark.parametrize(
+    ("gap", "mac", "shape_used"), [(0.01, 0.4, True), (0.01, 0.6, False), (0.005, 0.1, False)]
+)
+def test_a_neighbour_of_another_shape_takes_the_shape_only_where_it_is_nearer(gap, mac, shape_used):
+    """.6 % of 1.7 Hz is nearer than like shapes may be, not than unlike ones, .4 %."""
+    evidence, _ = evidence_of(1, seed=15)
+    model = np.array([mode.frequency for mode in evidence.modes] + [evidence.modes[0].frequency])
+    model[-1] += gap
+    macs = np.append(np.where(np.arange(6)[:, None] == np.arange(6), 0.999, 0.1), [[mac]] * 6, 1)
+    (found,) = observations(evidence, pairing_of((0, *[-1] * 5)), model, NO_FLOOR, mac=macs)
+    assert found.shape_used is shape_used
+    assert not found.shape_unlike
+
+
 def test_a_shape_that_is_not_its_partners_leaves_the_frequency_alone():
     """A mixture of two modes, of MAC .93, would be bought off by a σ that blurs all the others."""
     evidence, _ = evidence_of(1, seed=15)
