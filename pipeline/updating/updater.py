@@ -174,22 +174,28 @@ class FoundationUpdater:
     ) -> tuple[UpdatingState, FoundationEvent | None]:
         seen = sightings_of(estimate, self._layout.channel_names)
         after = state.with_window(estimate, seen, self._rise(estimate))
-        return self._looked_for_change(after, estimate)
+        change = self._watched(after, estimate)
+        if self._unknown_tide_std > 0 and np.isnan(estimate.water_level):
+            # every window has a level of its own: the evidence is that of the first windows' water
+            after = state.with_window(estimate, seen, change.last_level.level)
+        return self._looked_for_change(replace(after, change=change), estimate)
 
-    def _looked_for_change(
-        self, state: UpdatingState, estimate: ModalEstimate
-    ) -> tuple[UpdatingState, FoundationEvent | None]:
-        """The detectors' sums with one more window, and the event they report."""
+    def _watched(self, state: UpdatingState, estimate: ModalEstimate) -> ChangeState:
+        """The detectors' sums with the window that entered the evidence last."""
         unknown = self._unknown_tide_std
         window = watched_window(state.evidence, estimate, self._rise(estimate), unknown)
         remembered = [mode.track for mode in state.evidence.modes]
         change = replace(state.change, sums=with_tracks_only(state.change.sums, remembered))
-        known = self._sensitivities(change, state)
-        change = self._detector.updated(change, window, known)
-        known = self._sensitivities(change, state)
+        return self._detector.updated(change, window, self._sensitivities(change, state))
+
+    def _looked_for_change(
+        self, state: UpdatingState, estimate: ModalEstimate
+    ) -> tuple[UpdatingState, FoundationEvent | None]:
+        """The state that begins again where the structure has changed, and the event."""
+        change, known = state.change, self._sensitivities(state.change, state)
         verdict = self._detector.verdict(change, known, window_duration=estimate.duration)
         if not verdict.alarm or state.median is None:
-            return replace(state, change=change), None
+            return state, None
         found = self._detector.change(change, verdict, known)
         found = measured_half_way(
             found,

@@ -52,6 +52,7 @@ WIDENING = 1.0  # of the joint Gaussian; 1: on tuning seeds its intervals held .
 TOLERANCES = (FINEST_TOLERANCE, 0.015, 0.03)
 LEVEL_ROUNDS = 2  # of taking the known water levels out of the windows
 LEVEL_TOLERANCE = 0.008  # of the pairing before [-]
+LEVEL_SETTLED = 5e-5  # change of a frequency at which no round follows, a tenth of its floor [-]
 SEARCH_GROWTH = 1.25  # of the windows, at which faults are looked for again after none explained
 # the evidence: the search costs several times what the rest of a refresh does [-]
 
@@ -141,7 +142,9 @@ def joint_refresh(
     if reference is not None:
         relative = relative_springs(
             best.fit.with_level_std(max(level_std, _level_std(inference, reference))),
-            at_model_level(reference, best) if reference.level_varied else reference,
+            at_model_level(reference, best.fit, best.peak.u)
+            if reference.level_varied
+            else reference,
             evidence,
             best.peak.u,
             sigma=best.posterior.likeliest_sigma,
@@ -287,20 +290,35 @@ def _fitted(
     level_std: float,
     tolerance: float,
 ) -> tuple[JointResult, ModalEvidence] | None:
-    """The result, and the evidence as if every window had had the model's water level."""
+    """The result, and the evidence as if every window had had the model's water level.
+
+    The windows' water is taken out at the last peak at once, and again at the new one until that
+    moves no frequency.
+    """
+    evidence = measured
     starts = {each.name: each for each in warm}
-    result = inference.result(measured, level_std=level_std, starts=starts, tolerance=tolerance)
+    if measured.level_varied and warm:
+        last = inference.fit_of(warm[0].name).with_level_std(level_std).with_tolerance(tolerance)
+        evidence = at_model_level(measured, last, warm[0].u)
+    result = inference.result(evidence, level_std=level_std, starts=starts, tolerance=tolerance)
     if result is None:
         return None
-    evidence = measured
     for _ in range(LEVEL_ROUNDS if measured.level_varied else 0):
-        evidence = at_model_level(measured, result.best)
-        again = {each.alternative.name: _warm(each) for each in result.fitted}
+        again = at_model_level(measured, result.best.fit, result.best.peak.u)
+        if _farthest(again, evidence) < LEVEL_SETTLED:
+            break
+        evidence, starts = again, {each.alternative.name: _warm(each) for each in result.fitted}
         result = (
-            inference.result(evidence, level_std=level_std, starts=again, tolerance=tolerance)
+            inference.result(evidence, level_std=level_std, starts=starts, tolerance=tolerance)
             or result
         )
     return result, evidence
+
+
+def _farthest(evidence: ModalEvidence, other: ModalEvidence) -> float:
+    """Largest relative difference of the same modes' frequencies [-]."""
+    frequencies = ([mode.frequency for mode in each.modes] for each in (evidence, other))
+    return float(np.abs(np.subtract(*map(np.log, frequencies))).max(initial=0.0))
 
 
 def _with_a_fault(
@@ -405,18 +423,16 @@ def _level_std(inference: JointInference, evidence: ModalEvidence) -> float:
     return float(np.hypot(prior.known_level_std, unknown * prior.unknown_level_std))
 
 
-def at_model_level(measured: ModalEvidence, fitted: FittedAlternative) -> ModalEvidence:
-    """The evidence as if every window had had the model's water level, by the modes at a peak."""
-    found = fitted.peak.comparison
-    targets = fitted.fit.targets(measured)
-    compared = fitted.fit.compared(
-        measured, targets, fitted.peak.u, max(LEVEL_TOLERANCE, fitted.fit.tolerance)
-    )
-    pairing = (compared or found).pairing
-    partners = fitted.fit.partners_in_water(fitted.peak.u, found)
-    if len(pairing.model_modes) != len(measured.modes):
+def at_model_level(measured: ModalEvidence, fit: JointFit, u: FloatArray) -> ModalEvidence:
+    """The evidence as if every window had had the model's water level, by the modes at a point."""
+    tolerance = max(LEVEL_TOLERANCE, fit.tolerance)
+    found = fit.compared(measured, fit.targets(measured), u, tolerance)
+    if found is None:
         return measured
-    return measured.at_model_level([partners[m] if m >= 0 else None for m in pairing.model_modes])
+    partners = fit.partners_in_water(u, found)
+    return measured.at_model_level(
+        [partners[mode] if mode >= 0 else None for mode in found.pairing.model_modes]
+    )
 
 
 def model_at(fit: JointFit, u: FloatArray, layout: SensorLayout) -> ModalModel:

@@ -76,7 +76,8 @@ def test_a_last_window_without_any_partner_is_refused_whatever_the_earlier_ones_
 
 
 def test_what_is_compared_is_decided_at_the_peak_wherever_the_search_ended(monkeypatch):
-    """A neighbour is nearer than shapes may be at one end of the search, not at the peak: draws of the search must not decide whether a shape counts."""
+    """A neighbour is nearer than shapes may be at one end of the search, not at the peak: draws
+    of the search must not decide whether a shape counts."""
     matching, evidence = matcher(), evidence_of(2)
     peak = matching.matched(evidence).peak.ratios
     far = np.array([0.8, 0.7, 0.7])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.messages import FoundationPosterior
+from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.transport.codec import decode, encode
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.settings import UpdatingSettings
@@ -229,6 +229,43 @@ def test_the_updater_publishes_the_joint_posterior_and_goes_on_after_a_restart(
     assert isinstance(second, FoundationPosterior)
     assert isinstance(again, FoundationPosterior)
     np.testing.assert_array_equal(again.draws, second.draws)
+
+
+def test_each_window_has_a_level_of_its_own_where_nothing_reports_it(
+    inference: JointInference,
+) -> None:
+    """Half a tide of 2.4 m: levels follow from the modes, counted from the first window's, and the
+    last posterior takes them out again: its modes are those of the first window's water."""
+    truth, hours = truth_of(11), np.arange(24) / 6
+    tide = 1.2 * np.sin(2 * np.pi * hours / 12.42)
+    windows = estimates(truth, 24, np.random.default_rng(11), levels=tide.round(1).tolist())
+    updater = FoundationUpdater(
+        ModalModel(TURBINE, LAYOUT), LAYOUT, SETTINGS, seed=1, joint=inference
+    )
+    state = updater.initial_state()
+    for number, window in enumerate(windows):
+        if number in (0, 3):
+            state, _ = updater.updated(state, window)
+        else:
+            state, event = updater.accumulated(state, window)
+            assert event is None
+    rises = np.array([window.rise for window in state.recent])
+    assert np.sqrt(np.mean((rises - tide)[4:] ** 2)) < 0.15
+    warm = state.joint[0]
+    fit = inference.fit_of(warm.name)
+    still = refresh.at_model_level(state.evidence, fit, warm.u)
+    first = {mode.track: mode.frequency for mode in updater_evidence(windows[0]).modes}
+    apart = [mode.frequency / first[mode.track] - 1 for mode in still.modes if mode.track in first]
+    wet = [
+        mode.frequency / first[mode.track] - 1
+        for mode in state.evidence.modes
+        if mode.track in first
+    ]
+    assert np.median(np.abs(apart)) < 0.6 * np.median(np.abs(wet))
+
+
+def updater_evidence(estimate: ModalEstimate) -> ModalEvidence:
+    return ModalEvidence(channels=LAYOUT.channel_names).with_estimate(estimate)
 
 
 def test_errors_of_the_structure_cancel_in_springs_relative_to_a_reference(
