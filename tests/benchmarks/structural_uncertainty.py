@@ -52,8 +52,7 @@ MISPLACED = 1  # of the random numbers that place a set's sensors
 SPRINGS = ("k11", "k22", "k12")
 DEPENDS = (
     "pipeline/updating/structural",
-    "pipeline/updating/likelihood/mixtures.py",
-    "pipeline/updating/likelihood/mode_errors.py",
+    "pipeline/updating/likelihood",
     "sensors/dynamics/figure_model.py",
     "sensors/structure/figures.py",
     "tests/outside",
@@ -158,7 +157,7 @@ def outcome(case: Case, sign: SpringSign, inference: JointInference) -> Outcome 
             loads=case.loads,
             reported_levels=[0.0] * case.n_windows if known else None,
         )
-        modal = [_scaled(estimate, sensed.gains) for estimate in drawn]
+        modal = [scaled(estimate, sensed.gains) for estimate in drawn]
     evidence = ModalEvidence(channels=LAYOUT.channel_names)
     for estimate in modal:
         evidence = evidence.with_estimate(estimate)
@@ -238,7 +237,7 @@ def _farther(drawn: Figures, factor: float) -> Figures:
     return Figures(**(values | {"flooded": drawn.flooded}))
 
 
-def _scaled(estimate: ModalEstimate, gains: np.ndarray) -> ModalEstimate:
+def scaled(estimate: ModalEstimate, gains: np.ndarray) -> ModalEstimate:
     """The estimate of sensors with gains."""
     if np.all(gains == 1.0):
         return estimate
