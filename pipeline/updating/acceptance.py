@@ -64,6 +64,9 @@ class AcceptanceSettings:
     figure_deviation: ClassVar[float] = 4.0
     """Of a figure from its prior: beyond, untrusted and named [std]."""
 
+    other_sign: ClassVar[float] = 0.5
+    """Probability that k12 has not the described sign: beyond, untrusted [-]."""
+
     interval_share: ClassVar[float] = 0.8
     """Of the prior's 90 % interval: above, nothing was learned [-]."""
 

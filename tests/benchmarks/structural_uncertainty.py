@@ -9,6 +9,7 @@ weak      the same under the weak load; `single`: one window
 level     the water level unknown (1 m)
 alone     one figure off, the others as described, ten sets each
 inside    in the priors and trusted?  `outside`: another turbine, wrong sensors, figures at 5 std
+sign      k12 has the other sign than the description says
 sensors   one sensor turned, swapped, flipped, scaled, displaced, all turned, twenty sets each
 
 A set: springs uniform in .8 to 1.25 of nominal, modal data by tests.outside (its own elements;
@@ -38,6 +39,7 @@ from pipeline.updating.structural.refresh import joint_refresh
 from pipeline.updating.structural.sensors.figures import GAIN_STD, HEADING_STD, HEIGHT_STD
 from pipeline.updating.structural.settings import UNCERTAIN
 from sensors.structure.description import load_turbine
+from sensors.structure.foundation import SPRING_SIGNS
 from tests.benchmarks._results import keep
 from tests.outside import figures as outside_figures
 from tests.outside.figures import Figures
@@ -102,6 +104,8 @@ class Case:
     faults: tuple[SensorFault, ...] = ()
     beyond: float = 1.0
     """Factor on the drawn figures' departures."""
+    other_sign: bool = False
+    """Whether k12 has the other sign than the description says."""
     identified: bool = False
     """Whether the modes come from time histories; else they are drawn."""
 
@@ -209,6 +213,8 @@ def _truth(case: Case, sign: SpringSign, rng: np.random.Generator) -> Truth:
         drawn = _farther(drawn, case.beyond)
     else:
         drawn = case.figures(Figures())
+    if case.other_sign:
+        (sign,) = (each for each in SPRING_SIGNS if each != sign)
     description = case.description or (averaged(), converged())[case.seed % 2]
     return Truth(theta=theta, figures=drawn, sign=sign, description=description)
 
@@ -267,6 +273,8 @@ def cases(part: str, first: int, sets: int | None) -> Iterator[Case]:
         yield from (Case(part, seed, n_windows=1) for seed in seeds)
     elif part == "level":
         yield from (Case(part, seed, level_std=1.0) for seed in seeds)
+    elif part == "sign":
+        yield from (Case(part, seed, other_sign=True) for seed in seeds)
     elif part == "alone":
         for number, (name, change) in enumerate(ALONE.items()):
             std = 1.0 if name.startswith("level") else 0.1
@@ -328,6 +336,10 @@ class Table:
             .tolist(),
             "seconds": np.quantile([e.seconds for e in self.outcomes], [0.5, 1]).round(2).tolist(),
             "alternatives": dict(Counter(each.alternative for each in self.outcomes)),
+            "sign_named": sum(
+                any(doubt.startswith("springs-sign") for doubt in each.doubts)
+                for each in self.outcomes
+            ),
             "sensors_named": sum(
                 any(doubt.startswith("sensor") for doubt in each.doubts) for each in self.outcomes
             ),
@@ -388,5 +400,6 @@ def _summary(rows: dict[str, dict[str, Any]]) -> dict[str, Any]:
         "fewest_held": min(min(row["held"]) for row in rows.values()),
         "trusted": round(sum(row["trusted_share"] * row["sets"] for row in rows.values())),
         "sensors_named": sum(row["sensors_named"] for row in rows.values()),
+        "sign_named": sum(row["sign_named"] for row in rows.values()),
         "fewest_named": min(row["sensors_named"] for row in rows.values()),
     }

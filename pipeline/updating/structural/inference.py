@@ -35,6 +35,7 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.figure_model import BladeMesh, FigureModel
 from sensors.structure.calibration import Calibration
 from sensors.structure.description import TurbineDescription
+from sensors.structure.foundation import SPRING_SIGNS
 
 if TYPE_CHECKING:
     from pipeline.updating.settings import UpdatingSettings
@@ -86,7 +87,19 @@ def joint_inference(
     likelihood = replace(settings.likelihood, shape_floor=floor)
     if calibration is not None:
         _check(calibration, prior_stds(prior, sensors), turbine)
-    fits = []
+    fits, structures = [], {}
+
+    def fit_of(each: _Structure, described: TurbineDescription) -> JointFit:
+        model = _figure_model(described, layout, prior.names, each.mesh)
+        return JointFit(
+            model.with_flooding(each.flooded),
+            coordinates.with_belief(each.belief),
+            likelihood=likelihood,
+            pairing=settings.pairing,
+            generator=np.random.default_rng([seed, SEARCH_SEED]),
+            sensors=sensors,
+        )
+
     for each in _structures(turbine, structure):
         alternative, belief = each.alternative, None
         if calibration is not None:
@@ -96,16 +109,8 @@ def joint_inference(
             alternative = replace(alternative, probability=weight)
         if population is not None:
             belief = _with_population(population, coordinates, belief)
-        model = _figure_model(turbine, layout, prior.names, each.mesh)
-        fit = JointFit(
-            model.with_flooding(each.flooded),
-            coordinates.with_belief(belief),
-            likelihood=likelihood,
-            pairing=settings.pairing,
-            generator=np.random.default_rng([seed, SEARCH_SEED]),
-            sensors=sensors,
-        )
-        fits.append((alternative, fit))
+        structures[alternative.name] = known = replace(each, belief=belief)
+        fits.append((alternative, fit_of(known, turbine)))
     if not fits:
         raise UpdatingError(
             f"{turbine.name}: the calibration is of no structure that the scenario allows: "
@@ -117,7 +122,14 @@ def joint_inference(
         layout=layout,
         prior=prior,
         highest_sigma=settings.prior.highest_sigma,
+        other_sign=lambda name: fit_of(structures[name], _mirrored(turbine)),
     )
+
+
+def _mirrored(turbine: TurbineDescription) -> TurbineDescription:
+    """The same turbine with k12 of the other sign."""
+    (other,) = (sign for sign in SPRING_SIGNS if sign != turbine.foundation.sign)
+    return turbine.with_sign(other)
 
 
 @lru_cache(maxsize=4)
@@ -136,6 +148,8 @@ class _Structure:
     alternative: Alternative
     mesh: BladeMesh
     flooded: bool
+    belief: GaussianBelief | None = None
+    """What a calibration or a farm knows of its figures"""
 
 
 def _structures(turbine: TurbineDescription, settings: StructureSettings) -> list[_Structure]:

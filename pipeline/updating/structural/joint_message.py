@@ -144,6 +144,15 @@ def distrust(found: JointRefresh, guards: AcceptanceSettings) -> tuple[QualityWa
                 "are the layout's directions, heights and channels right?",
             )
         )
+    if found.other_sign > guards.other_sign:
+        doubts.append(
+            QualityWarning(
+                "springs-sign",
+                f"k12 of the other sign explains the modes better (probability "
+                f"{found.other_sign:.0%}): the description has [foundation] sign = "
+                f'"{found.best.fit.model.described.foundation.sign}"',
+            )
+        )
     doubts += [
         QualityWarning(
             "figure-outside-prior",

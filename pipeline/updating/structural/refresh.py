@@ -77,6 +77,8 @@ class JointRefresh:
     """A sensor that is not as its layout states; the posterior takes it into account."""
     refusal: QualityWarning | None = None
     """Why these modes are not this structure's, at any tolerance."""
+    other_sign: float = 0.0
+    """Probability that k12 has not the described sign [-]; 0 where the coupling is not in doubt."""
     searched_windows: int = 0
     """In the evidence when faults of sensors were last looked for in vain; 0: they explain it, or
     nothing calls for one."""
@@ -161,6 +163,7 @@ def joint_refresh(
         relative=relative,
         fault=tried.fault,
         refusal=tried.refusal(guards),
+        other_sign=inference.weight_of_other_sign(best, evidence),
         searched_windows=(
             0 if not in_vain else measured.n_windows if searches else searched_windows
         ),

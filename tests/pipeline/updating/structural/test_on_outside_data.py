@@ -75,6 +75,15 @@ def test_a_flooded_monopile_is_recognised(inference: JointInference) -> None:
     assert found.best.weight > 0.99
 
 
+def test_springs_of_the_other_sign_are_named(inference: JointInference) -> None:
+    """A coupling that has left the data, so that no interval of k12 is of any use."""
+    truth = replace(truth_of(12), sign="embedded-pile")
+    found = refreshed(inference, truth, 12)
+    (doubt,) = (each for each in distrust(found, SETTINGS.guards) if each.code == "springs-sign")
+    assert 'sign = "published"' in doubt.text
+    assert found.other_sign > 0.99
+
+
 def test_a_turned_sensor_is_named(inference: JointInference) -> None:
     found = refreshed(inference, truth_of(6), 6, (SensorFault("turned", 80.0, 15.0),))
     assert found.fault is not None
