@@ -46,16 +46,27 @@ def posterior_table(posterior: Json) -> Table:
 
 
 def figures_tables(posterior: Json) -> list[Table]:
-    """Return the table of the structure's figures; none where they are taken as known."""
+    """Return the table of the structure's figures; none where they are taken as known.
+
+    From the data: by how much they narrowed the prior's interval; a rough model's, wider, is 0.
+    """
     if not posterior["figures"]:
         return []
     table = table_of("Figures of the structure and its sensors")
     table.add_column("", justify="right", no_wrap=True)
-    for title in ("median", "90 % interval", "unit"):
+    for title in ("median", "90 % interval", "unit", "from the data"):
         table.add_column(title, justify="right", no_wrap=True)
     for name, each in posterior["figures"].items():
         median, low, high = (format_value(each[key], ".3g") for key in ("median", "p05", "p95"))
-        table.add_row(escape(figure_name(name)), median, f"{low} to {high}", escape(each["unit"]))
+        narrowed = each.get("contraction")  # older summaries have none
+        table.add_row(
+            escape(figure_name(name)),
+            median,
+            f"{low} to {high}",
+            escape(each["unit"]),
+            format_value(None if narrowed is None else max(narrowed, 0.0), ".0%"),
+        )
+    table.caption = "from the data: how much they narrowed what was assumed beforehand"
     return [table]
 
 
