@@ -96,7 +96,8 @@ def joint_inference(
             alternative = replace(alternative, probability=weight)
         if population is not None:
             belief = _with_population(population, coordinates, belief)
-        model = _figure_model(turbine, layout, prior.names, each.mesh)
+        described = turbine if each.shear == turbine.has_shear else turbine.with_shear(each.shear)
+        model = _figure_model(described, layout, prior.names, each.mesh)
         fit = JointFit(
             model.with_flooding(each.flooded),
             coordinates.with_belief(belief),
@@ -120,7 +121,7 @@ def joint_inference(
     )
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _figure_model(
     turbine: TurbineDescription, layout: SensorLayout, names: tuple[str, ...], mesh: BladeMesh
 ) -> FigureModel:
@@ -136,15 +137,29 @@ class _Structure:
     alternative: Alternative
     mesh: BladeMesh
     flooded: bool
+    shear: bool
 
 
 def _structures(turbine: TurbineDescription, settings: StructureSettings) -> list[_Structure]:
-    """Every combination of how the blades may behave and of water inside."""
+    """Every combination of how the tubes and the blades may behave and of water inside."""
     return [
-        _Structure(Alternative(_named(turbine, mesh, flooded), share * probability), mesh, flooded)
+        _Structure(
+            Alternative(_named(turbine, mesh, flooded, shear), share * probability * of_theory),
+            mesh,
+            flooded,
+            shear,
+        )
+        for shear, of_theory in _theories(turbine, exact=settings.is_exact("tube_shear"))
         for mesh, share in _meshes(turbine, exact=settings.is_exact("blade_model"))
         for flooded, probability in _floodings(turbine, exact=settings.is_exact("flooding"))
     ]
+
+
+def _theories(turbine: TurbineDescription, *, exact: bool) -> list[tuple[bool, float]]:
+    """Whether the tubes deform by shear, with prior probabilities: a real tube does, many a
+    program's model does not."""
+    described = turbine.has_shear
+    return [(described, 1.0)] if exact else [(described, 0.5), (not described, 0.5)]
 
 
 def _meshes(turbine: TurbineDescription, *, exact: bool) -> list[tuple[BladeMesh, float]]:
@@ -161,12 +176,14 @@ def _floodings(turbine: TurbineDescription, *, exact: bool) -> list[tuple[bool, 
     return [(described, 1 - UNDESCRIBED_FLOODING), (not described, UNDESCRIBED_FLOODING)]
 
 
-def _named(turbine: TurbineDescription, mesh: BladeMesh, flooded: bool) -> str:
+def _named(turbine: TurbineDescription, mesh: BladeMesh, flooded: bool, shear: bool) -> str:
     words = []
     if turbine.blades is not None:
         words.append(f"{mesh} blades")
     if turbine.water is not None and flooded != turbine.water.inside:
         words.append("flooded" if flooded else "not flooded")
+    if shear != turbine.has_shear:
+        words.append("tubes with shear" if shear else "tubes without shear")
     return ", ".join(words) or "as described"
 
 

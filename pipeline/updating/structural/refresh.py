@@ -88,15 +88,8 @@ class JointRefresh:
     @property
     def warm_starts(self) -> tuple[WarmStart, ...]:
         """Where the next refresh begins."""
-        return tuple(
-            WarmStart(
-                each.alternative.name,
-                np.ascontiguousarray(each.peak.u),
-                each.peak.relative_cost,
-                self._tolerance_needed,
-            )
-            for each in self.result.fitted
-        )
+        tolerance = self._tolerance_needed
+        return tuple(replace(each, tolerance=tolerance) for each in self.result.starts)
 
     @property
     def _tolerance_needed(self) -> float:
@@ -295,7 +288,7 @@ def _fitted(
     evidence = measured
     for _ in range(LEVEL_ROUNDS if measured.level_varied else 0):
         evidence = at_model_level(measured, result.best)
-        again = {each.alternative.name: _warm(each) for each in result.fitted}
+        again = {each.name: each for each in result.starts}
         result = (
             inference.result(evidence, level_std=level_std, starts=again, tolerance=tolerance)
             or result
@@ -390,12 +383,6 @@ def _with_fault(
     corrected = fault.corrected(attempt.evidence)
     fitted = inference.refitted(attempt.result.best, fault.fit, corrected, peak)
     return _Attempt(JointResult((fitted,)), corrected, fault)
-
-
-def _warm(each: FittedAlternative) -> WarmStart:
-    return WarmStart(
-        each.alternative.name, each.peak.u, each.peak.relative_cost, each.fit.tolerance
-    )
 
 
 def _level_std(inference: JointInference, evidence: ModalEvidence) -> float:
