@@ -159,7 +159,11 @@ OTHER_MEANINGS = {
     "sensor_heading": ("deg", "heading of each sensor's axes"),
     "sensor_height": ("m", "height of each sensor"),
 }
-ALTERNATIVES = (("flooding", "whether the monopile is flooded"), ("blade_model", "mesh of blades"))
+ALTERNATIVES = (
+    ("flooding", "whether the monopile is flooded"),
+    ("blade_model", "mesh of blades"),
+    ("tube_shear", "whether the tubes deform by shear"),
+)
 
 
 def structure_keys() -> str:

@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from rich.console import Console
 from rich.markup import render
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from sensors.errors import InputError
 
@@ -182,6 +189,11 @@ def stop_on_signals() -> Iterator[threading.Event]:
             signal.signal(name, handler)
 
 
+def progress_bars(*columns: ProgressColumn) -> Progress:
+    """Bars on the error stream, gone at the end; on no terminal nothing, not even an empty line."""
+    return Progress(*columns, console=stderr, transient=True, disable=not stderr.is_terminal)
+
+
 @contextmanager
 def progress(title: str, duration: float | None) -> Iterator["Callable[[AccelerationBlock], None]"]:
     """Draw a bar of measured time on the error stream; yield the function that advances it."""
@@ -192,7 +204,7 @@ def progress(title: str, duration: float | None) -> Iterator["Callable[[Accelera
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=stderr, transient=True) as bar:
+    with progress_bars(*columns) as bar:
         task = bar.add_task(escape_markup(title), total=duration)
         yield lambda block: bar.advance(task, block.duration)
 

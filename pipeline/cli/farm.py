@@ -11,7 +11,6 @@ import typer
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
-    Progress,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -25,6 +24,7 @@ from pipeline.cli.console import (
     escape_markup,
     output,
     print_json,
+    progress_bars,
     stderr,
     stop_on_signals,
     zenoh_settings,
@@ -238,7 +238,7 @@ def _progress_bars() -> Iterator[Callable[[str, int, int], None]]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=stderr, transient=True) as progress:
+    with progress_bars(*columns) as progress:
         tasks = {phase: progress.add_task(text, total=None) for phase, text in PHASES.items()}
         yield lambda phase, done, total: progress.update(tasks[phase], completed=done, total=total)
 

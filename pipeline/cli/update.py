@@ -23,6 +23,7 @@ from pipeline.cli.console import (
     output,
     print_json,
     progress,
+    progress_bars,
     stderr,
 )
 from pipeline.cli.results import print_results
@@ -94,7 +95,7 @@ def reproduce(
         TextColumn("left:"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=stderr, transient=True) as bar:
+    with progress_bars(*columns) as bar:
         total = seeds * len(SPRING_SIGNS)
         task = bar.add_task("simulate, identify, update (two processes)", total=total)
         study = run_study(

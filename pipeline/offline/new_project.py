@@ -19,7 +19,7 @@ from pipeline.offline.project_layout import (
     stated_layout,
 )
 from pipeline.offline.project_texts import scenario_text, structure_text
-from pipeline.scenario import NO_STRUCTURE, Scenario, scenario_from_text
+from pipeline.scenario import NO_STRUCTURE, scenario_from_text
 from pipeline.sources.import_files import Measurement, open_measurement, record_measurement
 from pipeline.sources.sources import LAYOUT_FILE, SCENARIO_FILE
 from sensors.acquisition.blocks import NANOSECONDS
@@ -39,6 +39,7 @@ from sensors.files.table import (
     dated,
 )
 from sensors.structure.foundation import FoundationSprings
+from sensors.structure.sensor_readings import require_on_tower
 
 _log = logging.getLogger(__name__)
 
@@ -154,11 +155,19 @@ def start_project(
         measurement = opened(places)
     turbine, left_out = places.turbine, places.left_out
     of_controller, read = _controller_samples(scada, turbine, time, survey.span_ns)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / LAYOUT_FILE).write_text(places.text, encoding="utf-8")
     named = structure if described is None else STRUCTURE_FILE
     text = scenario_text(turbine, named, survey.n_samples / measurement.sampling_rate)
-    scenario = _written_scenario(folder, text, described)
+    scenario = scenario_from_text(text, str(folder / SCENARIO_FILE))
+    if described is not None:
+        scenario = replace(scenario, files=((STRUCTURE_FILE, described),))
+    if scenario.has_structure:
+        require_on_tower(measurement.layout, scenario.structure)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"-o {folder}: {error.strerror}; a folder is needed") from error
+    for file, content in ((LAYOUT_FILE, places.text), (SCENARIO_FILE, text), *scenario.files):
+        (folder / file).write_text(content, encoding="utf-8")
     recording = folder / "recordings" / f"{turbine}.mcap"
     recording.parent.mkdir(exist_ok=True)
     known = condition_channels(*_names_and_units(table, left_out))
@@ -183,16 +192,6 @@ def _require_no_project(folder: Path) -> None:
     for path in (folder / LAYOUT_FILE, folder / SCENARIO_FILE):
         if path.exists():
             raise InputError(f"{path} exists; choose another folder with -o")
-
-
-def _written_scenario(folder: Path, text: str, described: str | None) -> Scenario:
-    """Write the scenario, and the description that goes with it, unless it is a shipped one."""
-    scenario = scenario_from_text(text, str(folder / SCENARIO_FILE))
-    (folder / SCENARIO_FILE).write_text(text, encoding="utf-8")
-    if described is None:
-        return scenario
-    (folder / STRUCTURE_FILE).write_text(described, encoding="utf-8")
-    return replace(scenario, files=((STRUCTURE_FILE, described),))
 
 
 @dataclass(frozen=True, slots=True)

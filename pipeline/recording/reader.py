@@ -17,7 +17,7 @@ from pipeline.recording.mcap_file import (
     metadata_section,
     open_recording,
 )
-from pipeline.recording.salvage import describe_what_is_left
+from pipeline.recording.salvage import what_is_left
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
 
@@ -67,10 +67,9 @@ def _opened_whole(path: Path) -> BinaryIO:
     file = open_recording(path)
     if not is_closed_properly(file):
         with file:
-            left = describe_what_is_left(file)
-        raise RecordingError(
-            f"{path} was cut off before its end: {left}; `pilewatch salvage {path}` does it"
-        )
+            left = what_is_left(file)
+        how = f"; `pilewatch salvage {path}` does it" if left.messages else ""
+        raise RecordingError(f"{path} was cut off before its end: {left}{how}")
     return file
 
 

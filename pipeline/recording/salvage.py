@@ -35,6 +35,8 @@ class SalvagedContent:
     duration: float  # from the first sample of any unit to the last of any [s]
 
     def __str__(self) -> str:
+        if not self.messages:
+            return f"nothing of it can be salvaged{self._damage}"
         return f"{self._what}, can be salvaged{self._damage}"
 
     @property
@@ -79,12 +81,12 @@ def salvage(source: Path, target: Path) -> SalvagedContent:
     return remains.counted()
 
 
-def describe_what_is_left(file: BinaryIO) -> str:
-    """For people: how much of an unfinished file can be salvaged."""
+def what_is_left(file: BinaryIO) -> SalvagedContent:
+    """How much of an unfinished file can be salvaged."""
     remains = Remains()
     for recorded in remains.messages(file):
         remains.decoded(recorded)
-    return str(remains.counted())
+    return remains.counted()
 
 
 class Remains:

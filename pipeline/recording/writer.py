@@ -75,7 +75,7 @@ class Recorder:
         self._counts: dict[str, int] = {}  # key → messages
         self._without_time: list[tuple[Message, bytes]] = []
         self._chunk_opened_ns: int | None = None
-        self._active = path.with_name(path.name + ACTIVE_SUFFIX)
+        self._active = _active(path)
         self._file = _created(path, self._active)
         self._writer = Writer(
             self._file, chunk_size=self._settings.chunk_bytes, enable_data_crcs=True
@@ -233,6 +233,12 @@ def whole_recording(
 
 def _refused(path: Path, error: OSError) -> RecordingError:
     return RecordingError(f"cannot record to {path}: {error.strerror or error}; nothing was left")
+
+
+def _active(path: Path) -> Path:
+    if not path.name or path.is_dir():
+        raise RecordingError(f"cannot record to {path}: it is a folder; a file is needed")
+    return path.with_name(path.name + ACTIVE_SUFFIX)
 
 
 def _created(path: Path, active: Path) -> BufferedWriter:

@@ -1,10 +1,9 @@
 """The true stiffness of a simulated turbine: published beside the stream, never for updating."""
 
+import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from pipeline.messages import FoundationTruth, Message
 from pipeline.recording.reader import read_messages
@@ -37,7 +36,8 @@ def simulated_truths(tower: "SimulatedTower") -> Iterator[FoundationTruth]:
     """
     before: FoundationTruth | None = None
     settings = tower.settings
-    for since in np.arange(0.0, settings.duration, TRUTH_PERIOD).tolist():
+    for number in range(math.ceil(settings.duration / TRUTH_PERIOD)):
+        since = number * TRUTH_PERIOD
         springs = tower.truth_at(since)
         truth = FoundationTruth(
             tower.layout.turbine,

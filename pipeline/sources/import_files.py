@@ -34,6 +34,7 @@ from sensors.files.table import (
     TimeColumn,
     dated,
 )
+from sensors.structure.sensor_readings import require_on_tower
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,11 +171,15 @@ def record_measurement(
     ------
     FileError
         As the files are read.
+    LayoutError
+        If a channel is not on the scenario's tower.
     RecordingError
         If the recording exists or cannot be written. A part that was written is removed if reading
         fails.
     """
     chosen = scenario or modes_only(measurement.layout.turbine)
+    if chosen.has_structure:
+        require_on_tower(measurement.layout, chosen.structure)
     metadata = _metadata(measurement, chosen)
     with whole_recording(path, metadata=metadata, settings=COMPACT) as recorder:
         recorder.handle(measurement.layout)

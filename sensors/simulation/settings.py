@@ -13,6 +13,7 @@ from sensors.simulation.faults import Fault
 from sensors.simulation.instruments import Instruments
 from sensors.simulation.schedule import FoundationSchedule, ScheduleStep, Tide
 
+LONGEST_DURATION = 3.15576e9  # a hundred years; stamps in ns reach twice as far [s]
 LOWEST_INTEGRATION_RATE = 120.0  # [Hz]: loads and response hold the band to 60 Hz
 
 
@@ -87,6 +88,10 @@ class SimulationSettings:
         for name in ("duration", "sampling_rate", "block_duration"):
             if not getattr(self, name) > 0:
                 raise SimulationError(f"{name} is {getattr(self, name):g}; it must be positive")
+        if self.duration > LONGEST_DURATION:
+            raise SimulationError(
+                f"duration is {self.duration:g} s; at most {LONGEST_DURATION:g} s, a hundred years"
+            )
         for name in ("transient", "noise_share", "quantisation_step", "scada_period"):
             if not getattr(self, name) >= 0:
                 raise SimulationError(f"{name} is {getattr(self, name):g}; it must be 0 or more")

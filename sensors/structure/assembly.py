@@ -135,11 +135,14 @@ def _tube_matrices(
 
     wetted, overgrown    share of its length from below [-] and mass of what is there [kg/m]
     """
-    bending = beam.bending_stiffness(tube.bending_rigidity, tube.length)
-    bending += beam.geometric_stiffness(-compression[0], -compression[1], tube.length)
-    moving = beam.bending_mass(tube.mass_per_length, tube.length)
+    shear = tube.shear_parameter
+    bending = beam.bending_stiffness(tube.bending_rigidity, tube.length, shear)
+    bending += beam.geometric_stiffness(-compression[0], -compression[1], tube.length, shear)
+    moving = beam.bending_mass(tube.mass_per_length, tube.length, shear=shear)
+    if tube.shear:
+        moving += beam.rotary_mass(tube.density * tube.second_moment, tube.length, shear)
     for share, mass_per_length in (wetted, overgrown):
-        moving += beam.bending_mass(mass_per_length, tube.length, end=share)
+        moving += beam.bending_mass(mass_per_length, tube.length, end=share, shear=shear)
     mass, stiffness = np.zeros((12, 12)), np.zeros((12, 12))
     dofs = np.arange(12).reshape(2, 6)
     for plane in PLANE_COLUMNS.values():
@@ -159,7 +162,8 @@ def _add_point_masses(system: _System, turbine: TurbineDescription, tower_dofs: 
         number = next(i for i, t in enumerate(turbine.tubes) if point.elevation <= t.top + TOUCHING)
         tube = turbine.tubes[number]
         xi = (point.elevation - tube.bottom) / tube.length
-        N, along = beam.hermite(xi, tube.length), np.array([1 - xi, xi])
+        N = beam.hermite(xi, tube.length, tube.shear_parameter)
+        along = np.array([1 - xi, xi])
         for plane in PLANE_COLUMNS.values():
             dofs = tower_dofs[number : number + 2, plane].ravel()
             system.add(dofs, mass=point.mass * np.outer(N, N))

@@ -1,11 +1,17 @@
-"""Uniform Euler-Bernoulli beam elements, of which towers and blades are made.
+"""Uniform beam elements, of which towers and blades are made.
 
 Bending in one plane has four degrees of freedom an element, (v_1, ψ_1, v_2, ψ_2): displacement v
 [m] and slope ψ = dv/dz [rad] at the element's start and end, z along the beam. Axial displacement
 and twist have two, start and end. Formulae without another source: Przemieniecki, "Theory of
 Matrix Structural Analysis" (1968), chapters 5, 11 and 15.
+
+Without shear (Φ = 0) a section stays square to the axis, ψ = dv/dz (Euler-Bernoulli). With it
+(Timoshenko) ψ is the section's own rotation, and the shapes between the ends are those that are
+exact for forces at the ends; Φ = 12 EI / (κ G A L²) is what shear gives of an element's
+displacement, over what bending does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
@@ -19,13 +25,15 @@ CLAMPED_CLAMPED_ROOTS = (4.730040744862704, 7.853204624095838, 10.99560783800167
 _GAUSS_POINTS = 24  # exact for the cubics, and to 1e-14 for the clamped-clamped shapes kept here
 
 
-def hermite(position: ArrayLike, length: float) -> FloatArray:
-    """Displacement at a place inside the element, for unit end displacements and slopes.
+def hermite(position: ArrayLike, length: float, shear: float = 0.0) -> FloatArray:
+    """Displacement at a place inside the element, for unit end displacements and rotations.
 
     Parameters
     ----------
     position : ArrayLike, shape (...,)
         ξ = z / L in [0, 1].
+    shear : float, optional
+        Φ [-].
 
     Returns
     -------
@@ -33,46 +41,70 @@ def hermite(position: ArrayLike, length: float) -> FloatArray:
         So that v(ξ) = hermite(ξ, L) @ (v_1, ψ_1, v_2, ψ_2).
     """
     xi = np.asarray(position, dtype=np.float64)
-    return np.stack(
-        [
-            1 - 3 * xi**2 + 2 * xi**3,
-            length * (xi - 2 * xi**2 + xi**3),
-            3 * xi**2 - 2 * xi**3,
-            length * (xi**3 - xi**2),
-        ],
-        axis=-1,
-    )
+    bent = [
+        1 - 3 * xi**2 + 2 * xi**3,
+        length * (xi - 2 * xi**2 + xi**3),
+        3 * xi**2 - 2 * xi**3,
+        length * (xi**3 - xi**2),
+    ]
+    bow = length / 2 * (xi - xi**2)
+    return _with_shear(bent, [1 - xi, bow, xi, -bow], shear)
 
 
-def hermite_slope(position: ArrayLike, length: float) -> FloatArray:
+def hermite_slope(position: ArrayLike, length: float, shear: float = 0.0) -> FloatArray:
     """Slope dv/dz inside the element; arguments and shape as for `hermite`."""
     xi = np.asarray(position, dtype=np.float64)
-    return np.stack(
-        [
-            6 * (xi**2 - xi) / length,
-            1 - 4 * xi + 3 * xi**2,
-            6 * (xi - xi**2) / length,
-            3 * xi**2 - 2 * xi,
-        ],
-        axis=-1,
-    )
+    straight, bow = np.ones_like(xi) / length, (1 - 2 * xi) / 2
+    return _with_shear(_bent_slope(xi, length), [-straight, bow, straight, -bow], shear)
 
 
-def bending_stiffness(bending_rigidity: float, length: float) -> FloatArray:
-    """(4, 4) stiffness of (v_1, ψ_1, v_2, ψ_2); bending_rigidity EI [N·m²], length L [m]."""
+def section_rotation(position: ArrayLike, length: float, shear: float = 0.0) -> FloatArray:
+    """Rotation ψ of the section inside the element, dv/dz where there is no shear; arguments and
+    shape as for `hermite`."""
+    xi = np.asarray(position, dtype=np.float64)
+    none = np.zeros_like(xi)
+    return _with_shear(_bent_slope(xi, length), [none, 1 - xi, none, xi], shear)
+
+
+def _bent_slope(xi: FloatArray, length: float) -> list[FloatArray]:
+    return [
+        6 * (xi**2 - xi) / length,
+        1 - 4 * xi + 3 * xi**2,
+        6 * (xi - xi**2) / length,
+        3 * xi**2 - 2 * xi,
+    ]
+
+
+def _with_shear(
+    bent: Sequence[FloatArray], sheared: Sequence[FloatArray], shear: float
+) -> FloatArray:
+    """Shapes (..., 4) of an element that bends and shears: (bent + Φ sheared) / (1 + Φ)."""
+    shapes = np.stack(bent, axis=-1)
+    return shapes if shear == 0 else (shapes + shear * np.stack(sheared, axis=-1)) / (1 + shear)
+
+
+def bending_stiffness(bending_rigidity: float, length: float, shear: float = 0.0) -> FloatArray:
+    """(4, 4) stiffness of (v_1, ψ_1, v_2, ψ_2); bending_rigidity EI [N·m²], length L [m], shear
+    Φ [-]."""
     L = length
-    return (bending_rigidity / L**3) * np.array(
+    near, far = (4 + shear) * L**2, (2 - shear) * L**2
+    return (bending_rigidity / (L**3 * (1 + shear))) * np.array(
         [
             [12, 6 * L, -12, 6 * L],
-            [6 * L, 4 * L**2, -6 * L, 2 * L**2],
+            [6 * L, near, -6 * L, far],
             [-12, -6 * L, 12, -6 * L],
-            [6 * L, 2 * L**2, -6 * L, 4 * L**2],
+            [6 * L, far, -6 * L, near],
         ]
     )
 
 
 def bending_mass(
-    mass_per_length: float, length: float, *, start: float = 0.0, end: float = 1.0
+    mass_per_length: float,
+    length: float,
+    *,
+    start: float = 0.0,
+    end: float = 1.0,
+    shear: float = 0.0,
 ) -> FloatArray:
     """(4, 4) consistent mass of (v_1, ψ_1, v_2, ψ_2).
 
@@ -81,6 +113,8 @@ def bending_mass(
     mass_per_length : float
         m [kg/m], carried between ξ = start and ξ = end only (a water level inside the element
         wets a part of it).
+    shear : float, optional
+        Φ [-].
 
     Returns
     -------
@@ -89,27 +123,40 @@ def bending_mass(
 
     Notes
     -----
-    M = ∫ m NᵀN dz, N the Hermite cubics; rotary inertia is left out (Euler-Bernoulli).
+    M = ∫ m NᵀN dz, N the shapes of `hermite`; without rotary inertia (`rotary_mass`).
     """
-    N, weighted = _weighted_cubics(start, end, length)
+    N, weighted = _weighted_cubics(start, end, length, shear)
     return mass_per_length * length * weighted @ N
 
 
 @lru_cache(maxsize=1024)  # a structure is assembled hundreds of times with nearly the same elements
-def _weighted_cubics(start: float, end: float, length: float) -> tuple[FloatArray, FloatArray]:
-    """Hermite cubics N at the Gauss points, (n, 4), and Nᵀ with their weights, (4, n)."""
+def _weighted_cubics(
+    start: float, end: float, length: float, shear: float
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement shapes N at the Gauss points, (n, 4), and Nᵀ with their weights, (4, n)."""
     xi, weights = _gauss_points(start, end)
-    N = hermite(xi, length)
+    N = hermite(xi, length, shear)
     return N, N.T * weights
 
 
-def geometric_stiffness(tension_start: float, tension_end: float, length: float) -> FloatArray:
+def rotary_mass(inertia_per_length: float, length: float, shear: float) -> FloatArray:
+    """(4, 4) inertia of the sections' rotation, ∫ ρI ψᵀψ dz, for ρI [kg·m] and Φ [-]."""
+    xi, weights = _gauss_points(0.0, 1.0)
+    rotation = section_rotation(xi, length, shear)
+    return inertia_per_length * length * (rotation.T * weights) @ rotation
+
+
+def geometric_stiffness(
+    tension_start: float, tension_end: float, length: float, shear: float = 0.0
+) -> FloatArray:
     """(4, 4) stiffness that an axial force adds; it varies linearly along the element.
 
     Parameters
     ----------
     tension_start, tension_end : float
         T [N] at the two ends, tension positive.
+    shear : float, optional
+        Φ [-].
 
     Returns
     -------
@@ -118,7 +165,7 @@ def geometric_stiffness(tension_start: float, tension_end: float, length: float)
     """
     xi, weights = _gauss_points(0.0, 1.0)
     tension = tension_start + (tension_end - tension_start) * xi
-    slope = hermite_slope(xi, length)
+    slope = hermite_slope(xi, length, shear)
     return length * (slope.T * (weights * tension)) @ slope
 
 

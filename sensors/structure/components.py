@@ -39,7 +39,11 @@ class Tube:
     """ρ, of the wall with paint, bolts and flanges [kg/m³]."""
 
     poisson_ratio: float = 0.3
-    """ν [-]; enters the torsional stiffness only."""
+    """ν [-]; enters the stiffness in torsion and in shear."""
+
+    shear: bool = False
+    """Whether it also deforms by shear and its sections' rotation has inertia (Timoshenko's beam);
+    without, it only bends (Euler-Bernoulli)."""
 
     attached_mass: float = 0.0
     """Attached mass of what it carries without stiffness (transition piece) [kg/m]."""
@@ -84,6 +88,18 @@ class Tube:
     def torsional_rigidity(self) -> float:
         """Torsional rigidity GJ = E / (2 (1 + ν)) · 2I [N·m²]."""
         return self.bending_rigidity / (1 + self.poisson_ratio)
+
+    @property
+    def shear_parameter(self) -> float:
+        """Φ = 12 EI / (κ G A L²), 0 for a tube that only bends [-].
+
+        κ = 2 (1 + ν) / (4 + 3ν) of a thin round tube: Cowper, Journal of Applied Mechanics 33
+        (1966) 335.
+        """
+        if not self.shear:
+            return 0.0
+        rigidity = 1 / (4 + 3 * self.poisson_ratio)  # κ G / E
+        return 12 * self.second_moment / (rigidity * self.area * self.length**2)
 
     @property
     def mass_per_length(self) -> float:

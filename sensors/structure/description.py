@@ -129,6 +129,15 @@ class TurbineDescription:
         """Return the same turbine with the sea at another level above the mean [m]."""
         return replace(self, water=replace(self.water or Water(), level=level))
 
+    @property
+    def has_shear(self) -> bool:
+        """Whether tubes deform by shear too."""
+        return any(tube.shear for tube in self.tubes)
+
+    def with_shear(self, shear: bool) -> "TurbineDescription":
+        """Return the same turbine with tubes that all deform by shear too, or only bend."""
+        return replace(self, tubes=tuple(replace(tube, shear=shear) for tube in self.tubes))
+
     def refined(self, times: int) -> "TurbineDescription":
         """Return the same turbine with every tube cut into `times` equal ones; blades unchanged."""
         if times < 1:

@@ -7,7 +7,18 @@ from numpy.typing import NDArray
 
 from sensors.acquisition.layout import LayoutError, SensorLayout
 from sensors.arrays import FloatArray, IndexArray
+from sensors.structure.description import TurbineDescription
 from sensors.structure.structural_model import StructuralModel
+
+
+def require_on_tower(layout: SensorLayout, turbine: TurbineDescription) -> None:
+    """Raise LayoutError for a channel that is not on the tower."""
+    for channel in layout.channels:
+        if not turbine.mudline <= channel.elevation <= turbine.tower_top:
+            raise LayoutError(
+                f"channel {channel.name}: elevation {channel.elevation:g} m is not on the "
+                f"tower of {turbine.name}, {turbine.mudline:g} to {turbine.tower_top:g} m"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,13 +47,7 @@ class ChannelReadings:
         LayoutError
             For a channel that is not on the tower.
         """
-        turbine = model.description
-        for channel in layout.channels:
-            if not turbine.mudline <= channel.elevation <= turbine.tower_top:
-                raise LayoutError(
-                    f"channel {channel.name}: elevation {channel.elevation:g} m is not on the "
-                    f"tower of {turbine.name}, {turbine.mudline:g} to {turbine.tower_top:g} m"
-                )
+        require_on_tower(layout, model.description)
         places = [(channel.elevation, channel.direction) for channel in layout.channels]
         displacement = np.array([model.tower_displacement(*place) for place in places])
         slope = np.array([model.tower_slope(*place) for place in places])

@@ -18,7 +18,7 @@ from sensors.structure.description import Direction, TurbineDescription
 from sensors.structure.foundation import TurbineError, spring_matrix
 from sensors.structure.rotor_nacelle import blade_axes, rigid_displacement
 
-Interpolation = Callable[[float, float], FloatArray]  # (ξ, element length [m]) → (4,)
+Interpolation = Callable[[float, float, float], FloatArray]  # (ξ, element's length, Φ) → (4,)
 
 PLANE_COLUMNS: dict[Direction, slice] = {
     "FA": slice(0, 2),
@@ -110,10 +110,11 @@ class StructuralModel:
         return row + z * self._heave_row(elevation)
 
     def tower_slope(self, elevation: float, direction: Sequence[float]) -> FloatArray:
-        """(n_dofs,) row: slope ψ = d_x du_x/dz + d_y du_y/dz of the tower's axis [rad]."""
+        """(n_dofs,) row: rotation of the tower's section there, where it only bends the slope
+        ψ = d_x du_x/dz + d_y du_y/dz of its axis [rad]."""
         x, y, _ = direction
-        row = x * self._tower_row(elevation, "FA", beam.hermite_slope)
-        return row + y * self._tower_row(elevation, "SS", beam.hermite_slope)
+        row = x * self._tower_row(elevation, "FA", beam.section_rotation)
+        return row + y * self._tower_row(elevation, "SS", beam.section_rotation)
 
     def blade_displacement(self, blade: int, node: int, direction: Sequence[float]) -> FloatArray:
         """(n_dofs,) row: displacement of a blade's node along (x, y, z) in tower axes [m].
@@ -144,7 +145,7 @@ class StructuralModel:
         element, xi, length = self._element_at(elevation)
         dofs = self.tower_dofs[element : element + 2, PLANE_COLUMNS[plane]].ravel()
         row = np.zeros(self.n_dofs)
-        row[dofs] = interpolation(xi, length)
+        row[dofs] = interpolation(xi, length, self.description.tubes[element].shear_parameter)
         return row
 
     def _heave_row(self, elevation: float) -> FloatArray:

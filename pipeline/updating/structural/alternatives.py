@@ -70,6 +70,8 @@ class WarmStart:
     """Per degree of freedom"""
     tolerance: float = FINEST_TOLERANCE
     """Of the pairing in ln f [-]"""
+    lost: bool = False
+    """Whether it was hopelessly behind another."""
 
     def good_cost(self, wanted: float) -> float:
         """At which no further start is tried: where the structure is not the described one, no
@@ -93,6 +95,23 @@ class JointResult:
     """The posterior over all alternatives; the likeliest first."""
 
     fitted: tuple[FittedAlternative, ...]
+    lost: tuple[WarmStart, ...] = ()
+    """Where the fits of the alternatives ended that are hopelessly behind: near there they begin
+    when there is more evidence, at a tenth of what a search costs."""
+
+    @property
+    def starts(self) -> tuple[WarmStart, ...]:
+        """Where the next fit of each alternative begins, the likeliest first."""
+        fitted = (
+            WarmStart(
+                each.alternative.name,
+                np.ascontiguousarray(each.peak.u),
+                each.peak.relative_cost,
+                each.fit.tolerance,
+            )
+            for each in self.fitted
+        )
+        return (*fitted, *self.lost)
 
     @property
     def best(self) -> FittedAlternative:
@@ -179,7 +198,8 @@ class JointInference:
             (each, fit.with_level_std(level_std).with_tolerance(tolerance))
             for each, fit in self.fits
         ]
-        for alternative, fit, peak in self._peaks(evidence, fits, starts or {}):
+        peaks, lost = self._peaks(evidence, fits, starts or {})
+        for alternative, fit, peak in peaks:
             found.append((alternative, fit, *self._with_discrepancy(fit, evidence, peak)))
         if not found:
             return None
@@ -188,28 +208,32 @@ class JointInference:
             FittedAlternative(alternative, fit, peak, posterior, weight)
             for (alternative, fit, peak, posterior), weight in zip(found, weights, strict=True)
         ]
-        return JointResult(tuple(sorted(fitted, key=lambda each: -each.weight)))
+        return JointResult(tuple(sorted(fitted, key=lambda each: -each.weight)), lost)
 
     def _peaks(
         self,
         evidence: ModalEvidence,
         fits: Sequence[tuple[Alternative, JointFit]],
         starts: Mapping[str, WarmStart],
-    ) -> list[tuple[Alternative, JointFit, JointPeak]]:
-        """Those of the alternatives that have not lost, with their peaks by the floors alone."""
+    ) -> tuple[list[tuple[Alternative, JointFit, JointPeak]], tuple[WarmStart, ...]]:
+        """Those of the alternatives that have not lost, with their peaks by the floors alone, and
+        where the others ended."""
         warm = {each.name: starts[each.name] for each, _ in self.fits if each.name in starts}
-        ends = [
-            fit.best(
-                evidence,
-                [warm[each.name].u] if each.name in warm else [],
-                good_cost=warm[each.name].good_cost(fit.settings.good_cost)
-                if each.name in warm
-                else None,
-                most_starts=FEW_STARTS,
-            )
-            for each, fit in fits
-        ]
-        found = [(each, fit, end) for (each, fit), end in zip(fits, ends, strict=True) if end]
+
+        def end_of(name: str, fit: JointFit, *, holds: bool) -> JointPeak | None:
+            if name not in warm:
+                return fit.best(evidence, most_starts=FEW_STARTS)
+            good = warm[name].good_cost(fit.settings.good_cost)
+            # what had lost cannot win where another holds: one descent tells that it still has
+            good = np.inf if holds and warm[name].lost else good
+            return fit.best(evidence, [warm[name].u], good_cost=good, most_starts=FEW_STARTS)
+
+        found: list[tuple[Alternative, JointFit, JointPeak]] = []
+        for each, fit in sorted(fits, key=lambda one: _has_lost(warm, one[0])):
+            holds = any(end.relative_cost <= its.settings.good_cost for _, its, end in found)
+            end = end_of(each.name, fit, holds=holds)
+            if end is not None:
+                found.append((each, fit, end))
         peaks: list[tuple[Alternative, JointFit, JointPeak]] = []
         for each, fit, end in sorted(_not_lost(found), key=lambda one: one[2].excess):
             good = warm[each.name].good_cost(fit.settings.good_cost) if each.name in warm else None
@@ -219,7 +243,16 @@ class JointInference:
                 known = [peaks[0][2].u] if peaks else None
                 peak = fit.improved(evidence, end, good_cost=good, starts=known)
             peaks.append((each, fit, peak))
-        return _not_lost(peaks)
+        kept = _not_lost(peaks)
+        names = {each.name for each, *_ in kept}
+        lost = tuple(
+            WarmStart(
+                each.name, np.ascontiguousarray(end.u), end.relative_cost, fit.tolerance, lost=True
+            )
+            for each, fit, end in found
+            if each.name not in names
+        )
+        return kept, lost
 
     def _with_discrepancy(
         self, fit: JointFit, evidence: ModalEvidence, peak: JointPeak
@@ -287,6 +320,10 @@ class JointInference:
             logs.append(np.log(alternative.probability) + log_likelihood)
         weights = np.exp(np.array(logs) - max(logs))
         return [float(weight) for weight in weights / weights.sum()]
+
+
+def _has_lost(warm: Mapping[str, WarmStart], alternative: Alternative) -> bool:
+    return alternative.name in warm and warm[alternative.name].lost
 
 
 def _not_lost(

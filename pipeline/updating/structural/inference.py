@@ -90,6 +90,8 @@ def joint_inference(
     fits, structures = [], {}
 
     def fit_of(each: _Structure, described: TurbineDescription) -> JointFit:
+        if each.shear != described.has_shear:
+            described = described.with_shear(each.shear)
         model = _figure_model(described, layout, prior.names, each.mesh)
         return JointFit(
             model.with_flooding(each.flooded),
@@ -132,7 +134,7 @@ def _mirrored(turbine: TurbineDescription) -> TurbineDescription:
     return turbine.with_sign(other)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _figure_model(
     turbine: TurbineDescription, layout: SensorLayout, names: tuple[str, ...], mesh: BladeMesh
 ) -> FigureModel:
@@ -148,17 +150,31 @@ class _Structure:
     alternative: Alternative
     mesh: BladeMesh
     flooded: bool
+    shear: bool
     belief: GaussianBelief | None = None
     """What a calibration or a farm knows of its figures"""
 
 
 def _structures(turbine: TurbineDescription, settings: StructureSettings) -> list[_Structure]:
-    """Every combination of how the blades may behave and of water inside."""
+    """Every combination of how the tubes and the blades may behave and of water inside."""
     return [
-        _Structure(Alternative(_named(turbine, mesh, flooded), share * probability), mesh, flooded)
+        _Structure(
+            Alternative(_named(turbine, mesh, flooded, shear), share * probability * of_theory),
+            mesh,
+            flooded,
+            shear,
+        )
+        for shear, of_theory in _theories(turbine, exact=settings.is_exact("tube_shear"))
         for mesh, share in _meshes(turbine, exact=settings.is_exact("blade_model"))
         for flooded, probability in _floodings(turbine, exact=settings.is_exact("flooding"))
     ]
+
+
+def _theories(turbine: TurbineDescription, *, exact: bool) -> list[tuple[bool, float]]:
+    """Whether the tubes deform by shear, with prior probabilities: a real tube does, many a
+    program's model does not."""
+    described = turbine.has_shear
+    return [(described, 1.0)] if exact else [(described, 0.5), (not described, 0.5)]
 
 
 def _meshes(turbine: TurbineDescription, *, exact: bool) -> list[tuple[BladeMesh, float]]:
@@ -175,12 +191,14 @@ def _floodings(turbine: TurbineDescription, *, exact: bool) -> list[tuple[bool, 
     return [(described, 1 - UNDESCRIBED_FLOODING), (not described, UNDESCRIBED_FLOODING)]
 
 
-def _named(turbine: TurbineDescription, mesh: BladeMesh, flooded: bool) -> str:
+def _named(turbine: TurbineDescription, mesh: BladeMesh, flooded: bool, shear: bool) -> str:
     words = []
     if turbine.blades is not None:
         words.append(f"{mesh} blades")
     if turbine.water is not None and flooded != turbine.water.inside:
         words.append("flooded" if flooded else "not flooded")
+    if shear != turbine.has_shear:
+        words.append("tubes with shear" if shear else "tubes without shear")
     return ", ".join(words) or "as described"
 
 

@@ -91,15 +91,8 @@ class JointRefresh:
     @property
     def warm_starts(self) -> tuple[WarmStart, ...]:
         """Where the next refresh begins."""
-        return tuple(
-            WarmStart(
-                each.alternative.name,
-                np.ascontiguousarray(each.peak.u),
-                each.peak.relative_cost,
-                self._tolerance_needed,
-            )
-            for each in self.result.fitted
-        )
+        tolerance = self._tolerance_needed
+        return tuple(replace(each, tolerance=tolerance) for each in self.result.starts)
 
     @property
     def _tolerance_needed(self) -> float:
@@ -310,7 +303,7 @@ def _fitted(
         again = at_model_level(measured, result.best.fit, result.best.peak.u)
         if _farthest(again, evidence) < LEVEL_SETTLED:
             break
-        evidence, starts = again, {each.alternative.name: _warm(each) for each in result.fitted}
+        evidence, starts = again, {each.name: each for each in result.starts}
         result = (
             inference.result(evidence, level_std=level_std, starts=starts, tolerance=tolerance)
             or result
@@ -411,12 +404,6 @@ def _with_fault(
     corrected = fault.corrected(attempt.evidence)
     fitted = inference.refitted(attempt.result.best, fault.fit, corrected, peak)
     return _Attempt(JointResult((fitted,)), corrected, fault)
-
-
-def _warm(each: FittedAlternative) -> WarmStart:
-    return WarmStart(
-        each.alternative.name, each.peak.u, each.peak.relative_cost, each.fit.tolerance
-    )
 
 
 def _level_std(inference: JointInference, evidence: ModalEvidence) -> float:

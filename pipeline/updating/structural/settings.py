@@ -36,7 +36,11 @@ OTHERS: Mapping[str, float] = {
     "sensor_heading": HEADING_STD,
     "sensor_height": HEIGHT_STD,
 }  # keys that are no figures of the description, with their defaults
-CHOICES = ("flooding", "blade_model")  # discrete alternatives, which can only be exact
+CHOICES = (
+    "flooding",
+    "blade_model",
+    "tube_shear",
+)  # discrete alternatives, which can only be exact
 KNOWN = (*(figure.name for figure in FIGURES), *OTHERS, *CHOICES)
 LARGEST_SHARE = 0.5  # standard deviation of a relative figure [-]
 

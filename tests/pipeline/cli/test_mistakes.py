@@ -56,6 +56,11 @@ MISTAKES: tuple[tuple[str, str], ...] = (
         "new noise.csv -o made --springs 1e9,1e11,0",
         "are for --structure NAME_ElastoDyn.dat",
     ),
+    ("new noise.csv -o /proc/made", "-o /proc/made: No such file or directory"),
+    (
+        "new noise.csv -o made --layout layout.toml --structure low.toml",
+        "channel high: elevation 40 m is not on the tower",
+    ),
     ("new noise.csv -o noise.csv", "-o noise.csv is a file; a folder is needed"),
     ("new noise.csv -o made --dates american", "'american' is not one of"),
     ("new noise.csv noise.csv -o made", "noise.csv is named twice"),
@@ -91,6 +96,8 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("simulate parkd -o a.mcap", "'parkd'"),
     ("simulate parked -o short.mcap", "exists already"),
     ("simulate parked -o a.mcap --duration -5", "duration"),
+    ("simulate parked -o a.mcap --duration 1e15", "at most 3.15576e+09 s"),
+    ("simulate parked -o . --duration 5", "cannot record to .: it is a folder"),
     ("simulate parked -o gone/a.mcap --duration 5", "gone"),
     ("simulate modes-only -o a.mcap", "no structural model"),
     # import
@@ -100,6 +107,11 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("import noise.csv -o a.mcap --layout gone.toml", "gone.toml"),
     ("import noise.csv -o a.mcap --layout other.toml", "'tip'"),
     ("import noise.csv -o short.mcap --layout layout.toml", "exists already"),
+    ("import noise.csv -o empty --layout layout.toml", "cannot record to empty: it is a folder"),
+    (
+        "import noise.csv -o a.mcap --layout layout.toml --scenario low-scenario.toml",
+        "on the tower",
+    ),
     ("import noise.csv -o a.mcap --reader nothing", "nothing"),
     ("import gone.csv --template", "gone.csv"),
     ("import noise.csv -o a.mcap --layout layout.toml --zone Berlin", "zone 'Berlin'"),
@@ -107,7 +119,9 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("info gone.mcap", "gone.mcap"),
     ("info noise.csv", "noise.csv"),
     ("info empty", "empty"),
+    ("info cut.mcap", "cut.mcap was cut off before its end: nothing of it can be salvaged"),
     # salvage
+    ("salvage short.mcap -o .", "cannot record to .: it is a folder"),
     ("salvage gone.mcap", "gone.mcap"),
     ("salvage noise.csv", "noise.csv"),
     ("salvage short.mcap -o short.mcap", "short.mcap"),
@@ -230,6 +244,20 @@ elevation = 40.0
 direction = [1, 0, 0]
 """
 
+SPRINGS = """
+[foundation]
+k11 = 0.098e11
+k22 = 8.238e11
+k12 = 0.678e11
+sign = "published"
+[materials.monopile]
+youngs_modulus = 210e9
+density = 7850.0
+[materials.tower]
+youngs_modulus = 210e9
+density = 8500.0
+"""
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> Path:
@@ -257,6 +285,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
     (place / "other.toml").write_text(LAYOUT.format(second="tip"))
     (place / "alone.json5").write_text('{mode: "peer", scouting: {multicast: {enabled: false}}}')
     (place / "own.toml").write_text(shipped_text("iea15mw_monopile"))
+    low = shipped_text("iea15mw_monopile").split("  { bottom = 28.0")[0] + "]\n"
+    (place / "low.toml").write_text(low + SPRINGS)
+    (place / "low-scenario.toml").write_text('[turbine]\ndescription = "low.toml"\n')
+    (place / "cut.mcap").write_bytes(short_recording.read_bytes()[:2000])
     (place / "empty").mkdir()
     os.link(short_recording, place / "short.mcap")
     return place
@@ -286,7 +318,7 @@ def test_a_mistake_is_one_line(
     with pytest.raises(SystemExit) as ended:
         main()
     printed = capsys.readouterr()
-    lines = [each for each in printed.err.splitlines() if each.strip()]
+    lines = printed.err.splitlines()
     assert ended.value.code == 2, printed.err
     assert len(lines) == 1, printed.err
     assert lines[0].startswith("pilewatch: ")

@@ -14,6 +14,8 @@ from sensors.structure.beam import (
     hermite_slope,
     rod_mass,
     rod_stiffness,
+    rotary_mass,
+    section_rotation,
 )
 
 LENGTH, RIGIDITY, MASS = 13.0, 2.5e12, 8.7e3  # m, N·m², kg/m: a tube of the tower
@@ -119,3 +121,56 @@ def test_craig_bampton_interface_is_the_ordinary_element(modes: int) -> None:
     assert element.stiffness[:4, :4] == pytest.approx(bending_stiffness(RIGIDITY, LENGTH))
     assert element.mass[:4, :4] == pytest.approx(bending_mass(MASS, LENGTH))
     assert np.all(np.linalg.eigvalsh(element.mass) > 0)
+
+
+SHEAR = 2.4  # Φ of such a tube [-]
+
+
+@pytest.mark.parametrize("motion", [TRANSLATION, ROTATION])
+def test_a_rigid_motion_shears_nothing(motion: np.ndarray) -> None:
+    forces = bending_stiffness(RIGIDITY, LENGTH, SHEAR) @ motion
+    assert forces / RIGIDITY == pytest.approx(0, abs=1e-14)
+    xi = np.linspace(0, 1, 7)
+    turned = section_rotation(xi, LENGTH, SHEAR) @ motion
+    assert turned == pytest.approx(np.full(7, motion[1]))
+    assert hermite_slope(xi, LENGTH, SHEAR) @ motion == pytest.approx(turned)
+
+
+def test_the_slope_between_the_nodes_is_that_of_the_displacement() -> None:
+    xi, step = np.linspace(0.1, 0.9, 5), 1e-6
+    rise = hermite(xi + step, LENGTH, SHEAR) - hermite(xi - step, LENGTH, SHEAR)
+    assert hermite_slope(xi, LENGTH, SHEAR) == pytest.approx(rise / (2 * step * LENGTH), abs=1e-6)
+
+
+def test_a_cantilever_with_shear_gives_by_bending_and_by_shear() -> None:
+    free = bending_stiffness(RIGIDITY, LENGTH, SHEAR)[2:, 2:]
+    by_bending = LENGTH**3 / (3 * RIGIDITY)
+    by_shear = SHEAR * LENGTH**3 / (12 * RIGIDITY)  # L / κGA
+    assert np.linalg.inv(free)[0, 0] == pytest.approx(by_bending + by_shear)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_a_hinged_beam_with_shear_has_timoshenkos_frequencies(number: int) -> None:
+    """EI k⁴ − m ω² − (ρI + m EI / κGA) k² ω² + ρI m / κGA ω⁴ = 0 with k = n π / length."""
+    n_elements, whole = 80, 40.0
+    length = whole / n_elements
+    shear_rigidity, rotary = 6.0e10, 1.1e5  # κGA [N], ρI [kg·m]
+    shear = 12 * RIGIDITY / (shear_rigidity * length**2)
+    n = 2 * (n_elements + 1)
+    stiffness, mass = np.zeros((n, n)), np.zeros((n, n))
+    for element in range(n_elements):
+        dofs = np.arange(2 * element, 2 * element + 4)
+        where = np.ix_(dofs, dofs)
+        stiffness[where] += bending_stiffness(RIGIDITY, length, shear)
+        mass[where] += bending_mass(MASS, length, shear=shear) + rotary_mass(rotary, length, shear)
+    free = np.delete(np.arange(n), [0, n - 2])
+    squares = eigh(stiffness[np.ix_(free, free)], mass[np.ix_(free, free)], eigvals_only=True)
+    k = number * np.pi / whole
+    exact = np.roots(
+        [
+            rotary * MASS / shear_rigidity,
+            -MASS - (rotary + MASS * RIGIDITY / shear_rigidity) * k**2,
+            RIGIDITY * k**4,
+        ]
+    )
+    assert squares[number - 1] == pytest.approx(exact.min(), rel=2e-3)

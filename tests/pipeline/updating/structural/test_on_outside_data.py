@@ -1,6 +1,7 @@
 """The joint inference on modal data of another simulator: intervals, pairs, faults, checks."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural import refresh
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference
+from pipeline.updating.structural.joint_fit import JointFit
 from pipeline.updating.structural.joint_message import distrust
 from pipeline.updating.structural.periods.relative_change import relative_springs
 from pipeline.updating.structural.posterior import figure_errors
@@ -82,6 +84,48 @@ def test_springs_of_the_other_sign_are_named(inference: JointInference) -> None:
     (doubt,) = (each for each in distrust(found, SETTINGS.guards) if each.code == "springs-sign")
     assert 'sign = "published"' in doubt.text
     assert found.other_sign > 0.99
+
+
+def test_tubes_that_do_not_shear_are_recognised() -> None:
+    """The outside simulator's tubes only bend; here they are described with shear."""
+    inference = joint_inference(TURBINE.with_shear(True), LAYOUT, SETTINGS, seed=1)
+    assert inference is not None
+    truth = truth_of(5)
+    found = refreshed(inference, truth, 5)
+    assert "tubes without shear" in found.best.alternative.name
+    assert sum(
+        each.weight for each in found.result.fitted if "without" in each.alternative.name
+    ) > (0.999)
+    draws = np.log(found.draws[:, :3] * NOMINAL)
+    assert np.abs((draws.mean(axis=0) - np.log(truth.theta)) / draws.std(axis=0)).max() < 3
+
+
+def test_a_structure_that_has_lost_costs_one_descent_more(
+    inference: JointInference, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the next refresh, where another structure holds: no search for other valleys."""
+    truth, rng = truth_of(0), np.random.default_rng(0)
+    evidence = ModalEvidence(channels=LAYOUT.channel_names)
+    for estimate in estimates(truth, 3, rng, layout=LAYOUT, reported_levels=[0.0] * 3):
+        evidence = evidence.with_estimate(estimate)
+    first = joint_refresh(inference, evidence, (), rng)
+    assert first is not None
+    lost = {each.name for each in first.warm_starts if each.lost}
+    assert any("shear" in name for name in lost)
+    descents: list[int] = []
+    descend = JointFit._cheapest_end  # type: ignore[attr-defined]
+
+    def counted(self: JointFit, *arguments: Any, good_cost: float | None, **others: Any) -> Any:
+        descents.append(good_cost == np.inf)
+        return descend(self, *arguments, good_cost=good_cost, **others)
+
+    monkeypatch.setattr(JointFit, "_cheapest_end", counted)
+    second = joint_refresh(inference, evidence, first.warm_starts, rng)
+    assert second is not None
+    assert sum(descents) >= len(lost)
+    again = {each.name for each in second.warm_starts if each.lost}
+    assert {name for name in lost if "shear" in name} <= again <= lost
+    assert second.best.alternative.name == first.best.alternative.name
 
 
 def test_a_turned_sensor_is_named(inference: JointInference) -> None:
