@@ -70,6 +70,7 @@ refined = 2
 [structure.uncertain]  # what survives does not depend on how many structures are compared
 flooding = "exact"
 blade_model = "exact"
+tube_shear = "exact"
 """
 
 

@@ -375,7 +375,7 @@ def test_a_rough_description_gives_a_wide_interval_and_says_so(
 ) -> None:
     """Every frequency off by up to a percent and more, as by no figure: an answer, no refusal, and
     no second search for a sensor's fault before there is a quarter more to judge by."""
-    one = replace(UNCERTAIN, stds=(("flooding", 0.0), ("blade_model", 0.0)))
+    one = replace(UNCERTAIN, stds=(("flooding", 0.0), ("blade_model", 0.0), ("tube_shear", 0.0)))
     inference = joint_inference(TURBINE, LAYOUT, replace(SETTINGS, structure=one), seed=1)
     assert inference is not None
     truth, rng = truth_of(9), np.random.default_rng(9)
