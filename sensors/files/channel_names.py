@@ -120,7 +120,8 @@ def guess_channels(names: Sequence[str]) -> tuple[GuessedChannel, ...]:
     Returns
     -------
     tuple of GuessedChannel
-        In the order of `names`. A height that no name has is its place in the order, from 1.
+        In the order of `names`. A height that no name has is its place in the order, from 1;
+        names that differ in the axis alone share one.
     """
     shared = _numbers_in_all(names) if len(names) > TRIAXIAL else frozenset[str]()
     heights = [_height(name, shared) for name in names]
@@ -137,7 +138,19 @@ def guess_channels(names: Sequence[str]) -> tuple[GuessedChannel, ...]:
         placed_in_order = [
             _guess(name, place, None, name) for place, name in enumerate(names, start=1)
         ]
-    return _pairs_apart(placed_in_order)
+    return _pairs_apart(_together(placed_in_order))
+
+
+def _together(channels: Sequence[GuessedChannel]) -> list[GuessedChannel]:
+    """Channels without heights at their places, "top FA" and "top SS" at one."""
+    places: dict[str, int] = {}
+    found = []
+    for each in channels:
+        before, seen, after = each.name.rpartition(_axis(each.name)[1] or each.name)
+        key = before + after if each.direction_known else seen
+        place = float(places.setdefault(key, len(places) + 1))
+        found.append(each if each.height_known else replace(each, elevation=place))
+    return found
 
 
 def _only_numbered(channels: Sequence[GuessedChannel]) -> bool:

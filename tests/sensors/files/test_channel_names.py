@@ -63,6 +63,12 @@ def test_the_letter_of_a_matrix_is_no_axis(letter: str) -> None:
     assert all(each.direction_known for each in heights)
 
 
+def test_channels_that_differ_in_the_axis_alone_are_at_one_place() -> None:
+    guessed = guess_channels(["top FA", "top SS", "mid FA", "mid SS", "mid V", "hub"])
+    assert [each.elevation for each in guessed] == [1, 1, 2, 2, 2, 3]
+    assert not any(each.height_known for each in guessed)
+
+
 def test_consecutive_numbers_are_sensors_and_no_heights() -> None:
     guessed = guess_channels([f"AI{number}" for number in range(9, 15)])
     assert [each.elevation for each in guessed] == [1, 2, 3, 4, 5, 6]
