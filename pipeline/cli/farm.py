@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from pipeline.archive.reprocessing import ArchiveReport
     from pipeline.archive.work import Workers
     from pipeline.farm.farm import Farm
-    from pipeline.messages import FoundationPosterior
+    from pipeline.farm.sources import FarmMessage
 
 HIGHEST_RHAT = 1.1  # R-hat of a pooling above which a warning is printed
 
@@ -77,9 +77,9 @@ def farm(
             "FILES are recordings; --connect, --zenoh-config and --follow exclude them"
         )
     if files:
-        from pipeline.farm.sources import recorded_posteriors
+        from pipeline.farm.sources import recorded_turbines
 
-        _pool_and_print(recorded_posteriors(files), prior, table, as_json)
+        _pool_and_print(recorded_turbines(files), prior, table, as_json)
         return
     _pool_running_sessions(
         _farm_endpoint(connect, zenoh_config, out), follow, prior, table, as_json
@@ -106,12 +106,12 @@ def _pool_running_sessions(
 
     with closing(ZenohBus(settings)) as bus, closing(RunningFarm(bus)) as running:
         if not follow:
-            _pool_and_print(running.posteriors(), prior, parquet, as_json)
+            _pool_and_print(running.messages(), prior, parquet, as_json)
             return
         with stop_on_signals() as stopping:
-            for posteriors in running.rounds(stopping):
+            for messages in running.rounds(stopping):
                 try:
-                    found = _pool_and_print(posteriors, prior, parquet, as_json)
+                    found = _pool_and_print(messages, prior, parquet, as_json)
                 except FarmError as error:  # too few as yet
                     stderr.print(escape_markup(str(error)), soft_wrap=True)
                     continue
@@ -120,7 +120,7 @@ def _pool_running_sessions(
 
 
 def _pool_and_print(
-    posteriors: "Sequence[FoundationPosterior]",
+    messages: "Sequence[FarmMessage]",
     prior: Path | None,
     parquet: Path | None,
     as_json: bool,
@@ -130,7 +130,7 @@ def _pool_and_print(
     from pipeline.runtime.runner import one_blas_thread
 
     with one_blas_thread():
-        found = pooled_farm(posteriors)
+        found = pooled_farm(messages)
     if prior is not None:
         _write(prior, found.population.as_json())
     if parquet is not None:

@@ -40,6 +40,7 @@ class TurbineEvidence:
     covariances: FloatArray  # C, (n_components, d, d)
     figures: tuple[str, ...] = ()  # of the description that are uncertain
     common: FloatArray | None = None  # L, (n_figures, d), what their errors make; None: exact
+    change: tuple[FloatArray, FloatArray] | None = None  # ĉ (d,), V (d, d); None: none was seen
 
     def of_the_description(self) -> "TurbineEvidence":
         """The evidence of x − Lᵀ ξ: its own measurements' part of the covariances."""
@@ -119,6 +120,7 @@ class StackedEvidence:
     log_shares: FloatArray  # (n_turbines, n_components), −inf for none
     means: FloatArray  # (n_turbines, n_components, d)
     covariances: FloatArray  # (n_turbines, n_components, d, d)
+    changes: tuple[tuple[FloatArray, FloatArray] | None, ...] = ()  # of each turbine; (): none
 
     @classmethod
     def of(cls, evidence: Sequence[TurbineEvidence]) -> "StackedEvidence":
@@ -132,4 +134,4 @@ class StackedEvidence:
             n = len(each.shares)
             log_shares[row, :n] = np.log(each.shares)
             means[row, :n], covariances[row, :n] = each.means, each.covariances
-        return cls(log_shares, means, covariances)
+        return cls(log_shares, means, covariances, tuple(each.change for each in evidence))

@@ -1,6 +1,7 @@
 """A farm: every turbine's foundation with what the others lend it, and those unlike the others.
 
     FoundationPosterior of each turbine ──► evidence ──► pooling ──► Farm
+    FoundationEvent ──► own change ──────────┘
                                                                       ├ PooledTurbine each
                                                                       └ StiffnessPopulation
 
@@ -15,14 +16,21 @@ that the pooling infers, and deviations are those of the springs with what the f
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pipeline.farm.evidence import FEWEST_DRAWS, StackedEvidence, common_errors, evidence_of
+from pipeline.farm.evidence import (
+    FEWEST_DRAWS,
+    StackedEvidence,
+    TurbineEvidence,
+    common_errors,
+    evidence_of,
+)
+from pipeline.farm.own_changes import OwnChange, beside_the_others, own_change
 from pipeline.farm.pooling import PooledDraws, pooled
 from pipeline.farm.settings import FarmError, GibbsSettings, PopulationPrior
-from pipeline.messages import FoundationPosterior, ParameterSummary
+from pipeline.messages import FoundationEvent, FoundationPosterior, ParameterSummary
 from pipeline.updating.population import SpringCoordinates, StiffnessPopulation
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.arrays import FloatArray
@@ -84,6 +92,7 @@ class PooledTurbine:
     own: tuple[ParameterSummary, ...]  # as it published them
     pooled: tuple[ParameterSummary, ...]  # with what the others lend it
     deviations: tuple[Interval, ...]  # from the farm's centre, k / k_centre − 1 [-]
+    own_change: OwnChange | None  # by its own measurements
     outlier_probability: float
     text: str  # one sentence about it
     draws: FloatArray  # (n_draws <= 1000, 3) k11 [N/m], k22 [N·m/rad], k12 [N/rad]
@@ -108,15 +117,16 @@ class Farm:
 
 
 def pooled_farm(
-    posteriors: Sequence[FoundationPosterior], settings: PoolingSettings | None = None
+    messages: Sequence[FoundationPosterior | FoundationEvent],
+    settings: PoolingSettings | None = None,
 ) -> Farm:
-    """The farm of the latest posterior of each turbine. The same posteriors, in whatever order,
-    give the same farm.
+    """The farm of the latest posterior of each turbine, and of their events. The same messages, in
+    whatever order, give the same farm.
 
     Raises FarmError where fewer than two turbines can be pooled.
     """
     settings = settings or PoolingSettings()
-    members, left_out = members_of(posteriors)
+    members, left_out = members_of([e for e in messages if isinstance(e, FoundationPosterior)])
     if len(members) < FEWEST_TURBINES:
         missing = "".join(f"; {each.turbine}: {each.reason}" for each in left_out)
         raise FarmError(
@@ -125,7 +135,11 @@ def pooled_farm(
         )
     generator = np.random.default_rng(settings.seed)
     coordinates = SpringCoordinates(nominal_of(members[0]))
-    evidence = [evidence_of(each, coordinates, generator) for each in members]
+    changes = _own_changes(members, messages)
+    evidence = [
+        _with_change(evidence_of(each, coordinates, generator), change, coordinates)
+        for each, change in zip(members, beside_the_others(changes), strict=True)
+    ]
     drawn = pooled(
         StackedEvidence.of([each.of_the_description() for each in evidence]),
         settings.population,
@@ -136,7 +150,23 @@ def pooled_farm(
     figures, common = common_errors(evidence)
     population = _population(members, drawn, coordinates, settings.population, figures, common)
     with_errors = drawn.with_common_errors(common, generator) if figures else drawn
-    return _told(members, left_out, with_errors, coordinates, population)
+    return _told(members, left_out, with_errors, coordinates, population, changes)
+
+
+def _own_changes(
+    members: Sequence[FoundationPosterior],
+    messages: Sequence[FoundationPosterior | FoundationEvent],
+) -> list[OwnChange | None]:
+    events = [each for each in messages if isinstance(each, FoundationEvent)]
+    return [own_change(each, events) for each in members]
+
+
+def _with_change(
+    evidence: TurbineEvidence, change: OwnChange | None, coordinates: SpringCoordinates
+) -> TurbineEvidence:
+    if change is None:
+        return evidence
+    return replace(evidence, change=change.in_coordinates(coordinates))
 
 
 def equal_spreads(coordinates: SpringCoordinates) -> FloatArray:
@@ -156,6 +186,7 @@ def _told(
     drawn: PooledDraws,
     coordinates: SpringCoordinates,
     population: StiffnessPopulation,
+    changes: Sequence[OwnChange | None],
 ) -> Farm:
     centres = coordinates.to_ratios(drawn.means)  # (n_draws, 3)
     spreads = log_spreads(drawn, coordinates)
@@ -167,6 +198,7 @@ def _told(
             centres,
             spreads=np.median(spreads, axis=0),
             probability=float(drawn.outlier_probabilities[number]),
+            change=changes[number],
         )
         for number, posterior in enumerate(members)
     )
@@ -209,6 +241,7 @@ def _pooled_turbine(
     *,
     spreads: FloatArray,
     probability: float,
+    change: OwnChange | None,
 ) -> PooledTurbine:
     """ratios, centres: (n_draws, 3) k / nominal, of the turbine and the farm; spreads: (3,) of
     ln k over the farm."""
@@ -226,8 +259,10 @@ def _pooled_turbine(
         own=posterior.parameters[:3],
         pooled=_summaries(stiffness, posterior),
         deviations=deviations,
+        own_change=change,
         outlier_probability=probability,
-        text=_sentence(posterior.turbine, deviations, int(np.argmax(standing_out)), probability),
+        text=_sentence(posterior.turbine, deviations, int(np.argmax(standing_out)), probability)
+        + _change_clause(change),
         draws=stiffness[_evenly(len(stiffness), MOST_FARM_DRAWS)],
     )
 
@@ -241,6 +276,15 @@ def _sentence(turbine: str, deviations: Sequence[Interval], spring: int, probabi
     if probability >= OUTLYING_PROBABILITY:
         return f"{turbine}: {size}, unlike the others with probability {_probability(probability)}"
     return f"{turbine}: {size}, like the others with probability {_probability(1 - probability)}"
+
+
+def _change_clause(change: OwnChange | None) -> str:
+    """The spring that changed most surely by the turbine's own measurements."""
+    if change is None:
+        return ""
+    spring = int(np.argmax(np.abs(change.logs) / change.stds))
+    size = 100 * np.expm1(change.logs[spring])
+    return f"; by its own measurements {PARAMETER_NAMES[spring]} has changed by {size:+.1f} %"
 
 
 def _probability(value: float) -> str:

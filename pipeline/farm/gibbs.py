@@ -34,6 +34,48 @@ class State:
     outlier_share: FloatArray  # ε, (n_chains,)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class OutlierPriors:
+    """What is thought of o_i after the turbine's own change ĉ_i was seen, and nothing else.
+
+    ĉ ~ N(r + z o, V),  r ~ N(0, U),  o ~ N(0, W):  with K = W (W + U + V)⁻¹
+
+        o | ĉ, z = 1 ~ N(ô = K ĉ, Ô = W − K W),    b = N(ĉ; 0, W + U + V) / N(ĉ; 0, U + V)
+
+    A share q of recorded changes has other causes and says nothing of z: its own record then says
+    at most 1 / q for an outlier; the rest must come from where its springs are:
+
+        B = b / (1 − q + q b)
+    """
+
+    means: FloatArray  # ô, (n_turbines, d); 0 where no change was seen
+    covariances: FloatArray  # Ô, (n_turbines, d, d); W where no change was seen
+    precisions: FloatArray  # Ô⁻¹
+    log_factors: FloatArray  # ln B, (n_turbines,)
+
+    @classmethod
+    def of(
+        cls, evidence: StackedEvidence, prior: PopulationPrior, shape: FloatArray
+    ) -> "OutlierPriors":
+        """Of all turbines; U = `regular_change`² S."""
+        n_turbines, d = len(evidence.means), evidence.means.shape[2]
+        wide = prior.outlier_std**2 * np.eye(d)
+        means, factors = np.zeros((n_turbines, d)), np.zeros(n_turbines)
+        covariances = np.tile(wide, (n_turbines, 1, 1))
+        for row, change in enumerate(evidence.changes):
+            if change is None:
+                continue
+            seen, covariance = change
+            regular = covariance + prior.regular_change**2 * shape
+            gain = np.linalg.solve(wide + regular, wide).T
+            means[row], covariances[row] = gain @ seen, wide - gain @ wide
+            log_b = log_gaussian(seen, wide + regular) - log_gaussian(seen, regular)
+            factors[row] = log_b - np.logaddexp(
+                np.log1p(-prior.other_causes), np.log(prior.other_causes) + log_b
+            )
+        return cls(means, covariances, _inverse(covariances), factors)
+
+
 class Gibbs:
     """The full conditionals, for all chains at once.
 
@@ -51,9 +93,10 @@ class Gibbs:
         self._prior = prior
         self._generator = generator
         self._d = evidence.means.shape[2]
-        self._outlier = prior.outlier_std**2 * np.eye(self._d)  # W
         self._degrees = self._d + 1 + prior.alike  # κ
-        self._shape = prior.alike * (np.eye(self._d) if shape is None else shape)  # (κ − d − 1) S
+        S = np.eye(self._d) if shape is None else shape
+        self._shape = prior.alike * S  # (κ − d − 1) S
+        self._outliers = OutlierPriors.of(evidence, prior, S)
 
     def start(self, n_chains: int) -> State:
         """Chains apart from each other: about one turbine each, with spreads from narrow to
@@ -81,15 +124,16 @@ class Gibbs:
             self._evidence.means[rows, component],
             self._evidence.covariances[rows, component],
         )
-        noise = seen_covariance + outlying[..., None, None] * self._outlier
+        noise = seen_covariance + outlying[..., None, None] * self._outliers.covariances
+        seen = seen - outlying[..., None] * self._outliers.means
         state.mean = self._mean(seen, noise + state.covariance[:, None])
         self._walk(state, seen, noise)
         self._walk_spread(state)
         regular = self._between(
             state.mean[:, None], _inverse(state.covariance)[:, None], seen, noise
         )
-        outlier_precision = _inverse(self._outlier)
-        different = self._between(regular, outlier_precision, seen, seen_covariance)
+        different = self._between(regular, self._outliers.precisions, seen, seen_covariance)
+        different = different + self._outliers.means
         points = np.where(outlying[..., None], different, regular)
         state.covariance = self._covariance(regular - state.mean[:, None], state.spread)
         self._walk_spread(state)
@@ -103,15 +147,20 @@ class Gibbs:
         """Component and z of each turbine, (n_chains, n_turbines) each, b integrated out; and the
         probability of z = 1, from
 
-            p(component k, z | μ, Σ, ε) ∝ a_k ε^z (1 − ε)^(1−z) N(m_k; μ, C_k + Σ + z W)
+            p(component k, z | μ, Σ, ε) ∝ a_k (B ε)^z (1 − ε)^(1−z) N(m_k; μ + z ô, C_k + Σ + z Ô)
+
+        with ô, Ô, B of `OutlierPriors`.
         """
-        evidence = self._evidence
+        evidence, outliers = self._evidence, self._outliers
         offsets = evidence.means - state.mean[:, None, None]
         covariance = evidence.covariances + state.covariance[:, None, None]
         logs = np.stack(
             [
                 log_gaussian(offsets, covariance) + np.log1p(-state.outlier_share)[:, None, None],
-                log_gaussian(offsets, covariance + self._outlier)
+                log_gaussian(
+                    offsets - outliers.means[:, None], covariance + outliers.covariances[:, None]
+                )
+                + outliers.log_factors[:, None]
                 + np.log(state.outlier_share)[:, None, None],
             ],
             axis=-1,

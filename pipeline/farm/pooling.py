@@ -3,6 +3,9 @@
     x_i = b_i + z_i o_i          springs of turbine i, any d coordinates
     b_i ~ N(μ, Σ)                what its builders meant, and the soil's scatter
     o_i ~ N(0, W), z_i ~ Bernoulli(ε)      some are different, by much more than the others
+    ĉ_i ~ N(r_i + z_i o_i, V_i)  a change that turbine i's own record shows (`own_changes`)
+    r_i ~ N(0, U)                what may change of one that stays like the others; a share of
+                                 changes is not the foundation's (`gibbs.OutlierPriors`)
     data_i ~ p(data_i | x_i)     a mixture of Gaussians in x_i (`evidence`)
 
     μ ~ N(0, s² I),   ε ~ Beta(α, β)
@@ -23,7 +26,8 @@ that a turbine is one is asked of that turbine alone, against the others: the Ba
 with the expectations over the farm as the others show it, of spread and mean unsure, times the odds
 α / β that were thought of a turbine beforehand. Why not the posterior probability of z_i = 1: its
 odds are those of ε given the others, so that nineteen regular turbines speak against the twentieth
-being an outlier, and one outlier makes another likelier.
+being an outlier, and one outlier makes another likelier. data_i has ĉ_i in it, where the turbine
+was seen to change: so does B_i.
 
 The draws come from `gibbs`.
 

@@ -2,12 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pipeline.farm.farm import Farm, Interval, PooledTurbine
+from pipeline.farm.own_changes import OwnChange
 from pipeline.farm.settings import FarmError
-from pipeline.messages import ParameterSummary, PooledPosterior
+from pipeline.messages import HALF_INTERVAL, ParameterSummary, PooledPosterior
 from pipeline.state.posterior_json import stiffness_summary
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.json_values import Json
@@ -51,9 +53,22 @@ def _turbine(turbine: PooledTurbine) -> Json:
             name: _interval(each)
             for name, each in zip(PARAMETER_NAMES, turbine.deviations, strict=True)
         },
+        "own_change": _own_change(turbine.own_change),
         "outlier_probability": turbine.outlier_probability,
         "outlying": turbine.outlying,
         "text": turbine.text,
+    }
+
+
+def _own_change(change: OwnChange | None) -> Json | None:
+    """Of each spring as a share of what it was, with its 90 % interval; None without a change."""
+    if change is None:
+        return None
+    reach = HALF_INTERVAL * change.stds
+    columns = np.expm1(change.logs + np.outer([0, -1, 1], reach)).T.tolist()
+    return {
+        name: {"median": median, "p05": p05, "p95": p95}
+        for name, (median, p05, p95) in zip(PARAMETER_NAMES, columns, strict=True)
     }
 
 

@@ -20,6 +20,8 @@ class PopulationPrior:
     spread_degrees: float = 2.0  # ν: of the half-t prior of the spread τ
     alike: float = 10.0  # degrees of freedom that hold the three springs to one spread τ
     outlier_std: float = 0.1  # √W, of an outlier about what it should be: scour takes a tenth [-]
+    regular_change: float = 0.02  # by what one like the others may change while it is watched [-]
+    other_causes: float = 0.1  # share of recorded changes that are not the foundation's [-]
     outliers: float = 1.0  # α, as if so many turbines had been seen to be outliers …
     regular: float = 19.0  # β, … and so many not to be: one in twenty
 
@@ -29,6 +31,8 @@ class PopulationPrior:
             "spread_scale",
             "spread_degrees",
             "outlier_std",
+            "regular_change",
+            "other_causes",
             "outliers",
             "alike",
         ):

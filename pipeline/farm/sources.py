@@ -1,4 +1,4 @@
-"""Where a farm's posteriors come from: recordings, or sessions that run."""
+"""Where a farm's posteriors and events come from: recordings, or sessions that run."""
 
 import threading
 import time
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from pipeline.farm.settings import FarmError
-from pipeline.messages import FoundationPosterior
+from pipeline.messages import FoundationEvent, FoundationPosterior, Message
 from pipeline.recording.reader import read_messages
 from pipeline.transport.bus import Bus, Inbox
 
@@ -14,22 +14,46 @@ FIRST_PATIENCE = 10.0  # for the first posterior of a session that runs [s]
 QUIET_STORE = 1.0  # without a further one: all have come that were kept [s]
 
 
-def recorded_posteriors(paths: Sequence[Path]) -> list[FoundationPosterior]:
-    """The last posterior of every turbine in some recordings, or in all of some folders.
+FarmMessage = FoundationPosterior | FoundationEvent
+FARM_MESSAGES = (FoundationPosterior, FoundationEvent)
 
-    Raises FarmError where there is none, RecordingError for a file that cannot be read.
+
+class _Collected:
+    """The last posterior of every turbine, and every event once."""
+
+    def __init__(self) -> None:
+        self._latest: dict[str, FoundationPosterior] = {}
+        self._events: dict[tuple[str, int], FoundationEvent] = {}
+
+    def take(self, message: Message) -> None:
+        """Take one of FARM_MESSAGES, of any time."""
+        if isinstance(message, FoundationEvent):
+            self._events[message.turbine, message.since_ns] = message
+            return
+        assert isinstance(message, FoundationPosterior)
+        before = self._latest.get(message.turbine)
+        if before is None or message.time_ns >= before.time_ns:
+            self._latest[message.turbine] = message
+
+    def messages(self) -> list[FarmMessage]:
+        """Posteriors, then events; nothing where there is no posterior."""
+        return [*self._latest.values(), *self._events.values()] if self._latest else []
+
+
+def recorded_turbines(paths: Sequence[Path]) -> list[FarmMessage]:
+    """The last posterior of every turbine and the events in recordings, or in all of some folders.
+
+    Raises FarmError where there is no posterior, RecordingError for a file that cannot be read.
     """
-    latest: dict[str, FoundationPosterior] = {}
+    collected = _Collected()
     for path in _files(paths):
-        for message in read_messages(path, (FoundationPosterior,)):
-            assert isinstance(message, FoundationPosterior)
-            before = latest.get(message.turbine)
-            if before is None or message.time_ns >= before.time_ns:
-                latest[message.turbine] = message
-    if not latest:
+        for message in read_messages(path, FARM_MESSAGES):
+            collected.take(message)
+    found = collected.messages()
+    if not found:
         names = ", ".join(map(str, paths))
         raise FarmError(f"no posterior is recorded in {names}; `pilewatch run` makes some")
-    return list(latest.values())
+    return found
 
 
 def _files(paths: Sequence[Path]) -> Iterator[Path]:
@@ -44,34 +68,35 @@ def _files(paths: Sequence[Path]) -> Iterator[Path]:
 
 
 class RunningFarm:
-    """The last posterior of every turbine of the sessions that a bus reaches.
+    """The last posterior of every turbine of the sessions that a bus reaches, and their events.
 
-    Publishers keep their last posteriors, so that one who comes late gets them at once.
+    Publishers keep their last ones, so that one who comes late gets them at once.
     """
 
     def __init__(self, bus: Bus) -> None:
         self._inbox = Inbox()
-        self._subscription = bus.subscribe((FoundationPosterior,), self._inbox)
-        self._latest: dict[str, FoundationPosterior] = {}
+        self._subscription = bus.subscribe(FARM_MESSAGES, self._inbox)
+        self._collected = _Collected()
 
-    def posteriors(self) -> list[FoundationPosterior]:
-        """Those that are there now. Raises FarmError where none comes in FIRST_PATIENCE."""
+    def messages(self) -> list[FarmMessage]:
+        """Those that are there now. Raises FarmError where no posterior comes in FIRST_PATIENCE."""
         self._take_all(FIRST_PATIENCE)
-        if not self._latest:
+        found = self._collected.messages()
+        if not found:
             raise FarmError(
                 f"no posterior came in {FIRST_PATIENCE:g} s; a session has one after its first "
                 "window, and `pilewatch status` says how it does"
             )
-        return list(self._latest.values())
+        return found
 
     def rounds(
         self, stopping: threading.Event, quiet: float = QUIET_STORE
-    ) -> Iterator[list[FoundationPosterior]]:
-        """All latest posteriors, each time that new ones have come and, for `quiet` [s], no
+    ) -> Iterator[list[FarmMessage]]:
+        """All that is known, each time that new ones have come and, for `quiet` [s], no
         further one; until `stopping` is set."""
         while not stopping.is_set():
-            if self._take_all(0.2, quiet):
-                yield list(self._latest.values())
+            if self._take_all(0.2, quiet) and (found := self._collected.messages()):
+                yield found
 
     def _take_all(self, patience: float, quiet: float = QUIET_STORE) -> int:
         """Wait for a posterior, then for more as long as they come; how many came."""
@@ -80,10 +105,7 @@ class RunningFarm:
             message = self._inbox.get(timeout=left)
             if message is None:
                 break
-            assert isinstance(message, FoundationPosterior)
-            before = self._latest.get(message.turbine)
-            if before is None or message.time_ns >= before.time_ns:
-                self._latest[message.turbine] = message
+            self._collected.take(message)
             count, deadline = count + 1, time.monotonic() + quiet
         return count
 

@@ -21,16 +21,22 @@ from sensors.files.table import ChannelTable, FileError, quantity_named, quantit
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
 AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
-    **dict.fromkeys(("fa", "foreaft", "x", "n", "ns", "north"), (FORE_AFT, "fore-aft")),
-    **dict.fromkeys(("ss", "sideside", "y", "e", "ew", "east"), (SIDE_SIDE, "side-side")),
-    **dict.fromkeys(("z", "v", "up", "vert", "vertical"), (UP, "vertical")),
+    **dict.fromkeys(("fa", "foreaft", "x", "n", "ns", "north", "nord"), (FORE_AFT, "fore-aft")),
+    **dict.fromkeys(("längs", "laengs", "langs", "longitudinal"), (FORE_AFT, "fore-aft")),
+    **dict.fromkeys(("ss", "sideside", "y", "e", "ew", "east", "ost"), (SIDE_SIDE, "side-side")),
+    **dict.fromkeys(
+        ("quer", "dwars", "tværs", "tvaers", "tvärs", "lateral"), (SIDE_SIDE, "side-side")
+    ),
+    **dict.fromkeys(("transversal", "transverse"), (SIDE_SIDE, "side-side")),
+    **dict.fromkeys(("z", "v", "up", "vert", "vertical", "vertikal"), (UP, "vertical")),
 }
 LOWEST, HIGHEST = 2.0, 300.0  # heights that a bare number in a name may stand for [m]
 MILLIMETRES = 1000.0  # a height above it is no metres
 PAIR = 2  # channels at one height that are taken to be at right angles
 TRIAXIAL = 3  # channels; of more, a number in every name is no height
 
-_LETTERS = re.compile(r"[A-Za-z]+")
+_LETTERS = re.compile(r"[A-Za-zÀ-ɏ]+")
+_NUMBERED = re.compile(r"([A-Za-z])\d{1,3}")  # y1, y2, y3
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")  # of "WindSpeed" too
 _IN_METRES = re.compile(r"(?<![A-Za-z0-9.,])(-?\d+(?:[.,]\d+)?) ?([mc]?)[mM](?![A-Za-z/])")
 _AFTER_LETTERS = re.compile(r"(?<![A-Za-z0-9])(?:[Ll]at|LAT|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)")
@@ -114,19 +120,44 @@ def guess_channels(names: Sequence[str]) -> tuple[GuessedChannel, ...]:
     Returns
     -------
     tuple of GuessedChannel
-        In the order of `names`. A height that no name has is its place in the order, from 1.
+        In the order of `names`. A height that no name has is its place in the order, from 1;
+        names that differ in the axis alone share one.
     """
     shared = _numbers_in_all(names) if len(names) > TRIAXIAL else frozenset[str]()
     heights = [_height(name, shared) for name in names]
     unsure = sorted({height for height, _, sure in heights if height is not None and not sure})
     steps = {high - low for low, high in pairwise(unsure)}
     counted = steps == {1.0}  # 1, 2, 3: the sensors' numbers
-    return _pairs_apart(
+    placed_in_order = [
         _guess(name, place, None if counted and not sure else height, seen)
         for place, (name, (height, seen, sure)) in enumerate(
             zip(names, heights, strict=True), start=1
         )
-    )
+    ]
+    if _only_numbered(placed_in_order):
+        placed_in_order = [
+            _guess(name, place, None, name) for place, name in enumerate(names, start=1)
+        ]
+    return _pairs_apart(_together(placed_in_order))
+
+
+def _together(channels: Sequence[GuessedChannel]) -> list[GuessedChannel]:
+    """Channels without heights at their places, "top FA" and "top SS" at one."""
+    places: dict[str, int] = {}
+    found = []
+    for each in channels:
+        before, seen, after = each.name.rpartition(_axis(each.name)[1] or each.name)
+        key = before + after if each.direction_known else seen
+        place = float(places.setdefault(key, len(places) + 1))
+        found.append(each if each.height_known else replace(each, elevation=place))
+    return found
+
+
+def _only_numbered(channels: Sequence[GuessedChannel]) -> bool:
+    """Whether names are one letter and numbers, y1, y2, y3: a matrix y, whose letter is no axis."""
+    letters = {match[1] if (match := _NUMBERED.fullmatch(each.name)) else "" for each in channels}
+    alike = len(channels) > 1 and len(letters) == 1 and "" not in letters
+    return alike and not any(each.height_known for each in channels)
 
 
 def placed(channel: GuessedChannel, answer: str) -> GuessedChannel:
@@ -155,14 +186,17 @@ def placed(channel: GuessedChannel, answer: str) -> GuessedChannel:
 
 
 def _pairs_apart(channels: Iterable[GuessedChannel]) -> tuple[GuessedChannel, ...]:
-    """Of two channels of one height without axes, the second is the one across."""
+    """Of two channels of one height, one whose name has no axis is the one across the other."""
     guessed = list(channels)
     for height in {each.elevation for each in guessed if each.height_known}:
         level = [i for i, each in enumerate(guessed) if each.elevation == height]
-        if len(level) == PAIR and not any(guessed[place].direction_known for place in level):
-            second = guessed[level[1]]
+        unknown = [i for i in level if not guessed[i].direction_known]
+        others = [guessed[i].direction for i in level if i not in unknown[-1:]]
+        if len(level) == PAIR and unknown and others[0] != UP:
+            second = guessed[unknown[-1]]
+            across = FORE_AFT if others[0] == SIDE_SIDE else SIDE_SIDE
             reason = f"{second.reason}: taken across the other one at its height"
-            guessed[level[1]] = replace(second, direction=SIDE_SIDE, reason=reason)
+            guessed[unknown[-1]] = replace(second, direction=across, reason=reason)
     return tuple(guessed)
 
 

@@ -7,6 +7,7 @@ None of these formats defines how a measurement is stored in it. This is what is
 - a matrix has as many samples as there are times, else channels as there are names, else its
   longer side is the samples;
 - a series called `t`, `time` or `timestamp` (or a word like it) is the time, see `clock`;
+- a series that rises evenly under another name is a clock or a counter, no channel;
 - notes, which are scalars or texts of the file, or attributes of a group or of an array, state the
   rest under one of the names below. What is nearest to the array holds.
 """
@@ -161,9 +162,11 @@ def _channels(
         yield _channel(values, bare, stated, array, stamps, path)
         return
     count = values.shape[1]
-    names = _listed(array.notes, NAME_NOTES, count, path) or [
-        f"{name}{i + 1}" for i in range(count)
-    ]
+    names = (
+        _listed(array.notes, NAME_NOTES, count, path)
+        or _only_texts(array.notes, count)
+        or [f"{name}{i + 1}" for i in range(count)]
+    )
     units = _listed(array.notes, UNIT_NOTES, count, path) or [""] * count
     for column, title, unit in zip(values.T, names, units, strict=True):
         bare, in_brackets = split_unit(title)
@@ -303,6 +306,19 @@ def _find_note(notes: Notes, names: tuple[str, ...]) -> Any:
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
     return value.item() if isinstance(value, np.number | np.str_) else value
+
+
+def _only_texts(notes: Notes, count: int) -> list[str]:
+    """The one list of `count` texts among the notes, whatever it is called; [] where there are
+    several."""
+    lists = [np.asarray(each).reshape(-1) for each in notes.values() if np.size(each) == count]
+    texts = [each for each in lists if each.dtype.kind in "US"]
+    if len(texts) != 1 or len(set(texts[0].tolist())) != count or count == 1:
+        return []
+    return [
+        each.decode("utf-8", "replace") if isinstance(each, bytes) else str(each)
+        for each in texts[0]
+    ]
 
 
 def _listed(notes: Notes, names: tuple[str, ...], count: int, path: Path) -> list[str]:

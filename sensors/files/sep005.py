@@ -12,6 +12,7 @@ from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
@@ -26,9 +27,11 @@ from sensors.files.table import (
     zone_named,
 )
 from sensors.files.text.column_titles import distinct
+from sensors.files.text.columns import log_once
 from sensors.files.text.dates import MONTHS
 from sensors.files.text.time_column import ABSOLUTE, ClockError, TextClock, iso
 
+FEWEST_OF_RAMP = 10  # samples from which an even rise is no chance
 TOGETHER = 0.05  # channels whose samples lie less apart are sampled together [samples]
 MOST_PADDED = 100  # times the samples that a file has: more is a wrong start, and no gap [-]
 
@@ -79,6 +82,8 @@ def join_channels(
         raise FileError(f"{path}: there is no channel of numbers in it")
     if wanted.time.column and wanted.stamps:
         channels = _with_time(channels, wanted.time, path)
+    if not wanted.names:
+        channels = _without_ramps(channels, path)
     names = distinct([str(channel.get("name") or "") for channel in channels])
     chosen = wanted.among(names)
     channels = [channels[i] if wanted.stamps else _convert_numbers(channels[i]) for i in chosen]
@@ -99,6 +104,33 @@ def join_channels(
         stated_rate=None if rate is None else float(rate),
         stated_quantities=tuple(_QUANTITIES.get(str(each.get("quantity"))) for each in channels),
     )
+
+
+def _without_ramps(channels: Sequence[Sep005Channel], path: Path) -> list[Sep005Channel]:
+    """Return the channels that do not rise evenly: a counter, or a time under another name."""
+    moving = [each for each in channels if not _is_ramp(np.asarray(each["data"]))]
+    for each in channels if moving else []:
+        if any(each is one for one in moving):
+            continue
+        first, second = np.asarray(each["data"])[:2].astype(np.float64)
+        timed = each.get("time") is not None or each.get("fs")
+        hint = "" if timed else "; where it is the time, --sampling-rate HZ stands for it"
+        log_once(
+            f"{path}: {each['name']} rises evenly from {first:g} by {second - first:.6g} and is no "
+            f"channel{hint}"
+        )
+    return moving or list(channels)
+
+
+def _is_ramp(values: NDArray[Any]) -> bool:
+    """Whether (n,) values rise by one step all the time, as exactly as their type has it."""
+    if values.ndim != 1 or values.dtype.kind not in "iuf" or len(values) < FEWEST_OF_RAMP:
+        return False
+    first, last = float(values[0]), float(values[-1])
+    step = (last - first) / (len(values) - 1)
+    if not 0 < step < np.inf:
+        return False
+    return bool(np.abs(values - np.linspace(first, last, len(values))).max() < step / 2)
 
 
 def list_channels(channels: Sequence[Sep005Channel], path: Path) -> ChannelTable:

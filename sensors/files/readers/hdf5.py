@@ -6,6 +6,7 @@ nearest first, and so are datasets of one value or of text; see `named_arrays`. 
 it. Needs h5py (extra `hdf5`).
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ def _arrays(
         )
     members = {name: group.get(name) for name in group if not name.startswith("#")}
     datasets = {name: each for name, each in members.items() if isinstance(each, h5py.Dataset)}
-    notes = around | dict(group.attrs)
+    notes = around | _of_headers(members.values(), h5py) | dict(group.attrs)
     notes |= {name: each for name, one in datasets.items() if (each := _note(one)) is not None}
     found = []
     for name, member in members.items():
@@ -58,6 +59,19 @@ def _arrays(
             values = _in_units(member[()], own, f"{path}: {place}{name}")
             found.append(NamedArray(f"{place}{name}", values, notes | own, own))
     return found
+
+
+def _of_headers(members: Iterable[Any], h5py: Any) -> dict[str, Any]:
+    """Notes of groups that hold no array: an `info` or `header` beside the measurements."""
+    notes: dict[str, Any] = {}
+    for group in members:
+        if not isinstance(group, h5py.Group):
+            continue
+        inside = {name: group.get(name) for name in group}
+        values = {n: _note(each) for n, each in inside.items() if isinstance(each, h5py.Dataset)}
+        if len(values) == len(inside) and all(each is not None for each in values.values()):
+            notes |= dict(group.attrs) | values
+    return notes
 
 
 def _note(dataset: Any) -> Any:

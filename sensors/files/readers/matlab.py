@@ -2,8 +2,8 @@
 
 Version 7.3 is HDF5 and goes to `hdf5`; versions 4 to 7 are read by SciPy. Structures are groups,
 scalars and texts are the notes of what stands beside and below them (`fs`, `start_time`, `names`,
-`units`); see `named_arrays`. Objects of MATLAB's own classes (`timetable`, `datetime`) are stored
-in a form that MathWorks does not publish; they are left out.
+`units`), also in a structure of their own (`info.fs`); see `named_arrays`. Objects of MATLAB's own
+classes (`timetable`, `datetime`) have a form that MathWorks does not publish; they are left out.
 """
 
 import struct
@@ -65,16 +65,31 @@ def _arrays(group: dict[str, Any], place: str, around: dict[str, Any]) -> Iterat
     values = {
         name: each if isinstance(each, dict) else _array(each) for name, each in group.items()
     }
-    notes = around | {
-        name: each
-        for name, each in values.items()
-        if isinstance(each, np.ndarray) and (each.size == 1 or each.dtype.kind == "U")
-    }
+    notes = around | _notes(values)
     for name, each in values.items():
         if isinstance(each, dict):
             yield from _arrays(each, f"{place}{name}/", notes)
         elif each.size > 1 and each.dtype.kind in "iufc":
             yield NamedArray(f"{place}{name}", each, notes)
+
+
+def _notes(values: dict[str, Any]) -> dict[str, Any]:
+    """Scalars and texts of a structure, and those of structures in it that have nothing else: an
+    `info` or `header` beside the measurements."""
+    of_structures: dict[str, Any] = {}
+    for each in values.values():
+        if isinstance(each, dict):
+            inside = {
+                name: one if isinstance(one, dict) else _array(one) for name, one in each.items()
+            }
+            found = _notes(inside)
+            if found.keys() >= {name for name, one in inside.items() if not isinstance(one, dict)}:
+                of_structures |= found
+    return of_structures | {
+        name: each
+        for name, each in values.items()
+        if isinstance(each, np.ndarray) and (each.size == 1 or each.dtype.kind == "U")
+    }
 
 
 def _array(value: Any) -> np.ndarray[Any, Any]:

@@ -4,7 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.messages import FigureError, FoundationPosterior, ParameterSummary
+from pipeline.messages import (
+    FigureError,
+    FoundationEvent,
+    FoundationPosterior,
+    ParameterSummary,
+    StiffnessChange,
+)
 from pipeline.updating.prior import PARAMETER_NAMES, PARAMETER_UNITS
 from tests.pipeline.example_messages import START_NS
 
@@ -96,6 +102,35 @@ def of_one_description(
         made = (FigureError("added_mass", error, error, error),)
         moved.append(replace(again, structure="uncertain", figure_errors=made))
     return moved, truth
+
+
+def event_of(
+    posterior: FoundationPosterior,
+    k22: float,
+    *,
+    std: float = 0.01,
+    windows_ago: int = 0,
+    kind: str = "foundation",
+) -> FoundationEvent:
+    """A change of k22 [-], known to a standard deviation, that a turbine's own windows showed."""
+    time_ns = posterior.time_ns - windows_ago * 600_000_000_000
+    changes = tuple(
+        StiffnessChange(name, size, size - 1.6449 * std, size + 1.6449 * std, size, std)
+        for name, size in zip(PARAMETER_NAMES, (0.0, k22, 0.0), strict=True)
+    )
+    return FoundationEvent(
+        turbine=posterior.turbine,
+        window=posterior.window - windows_ago,
+        time_ns=time_ns,
+        kind=kind,
+        probability=1.0,
+        since_ns=time_ns - 600_000_000_000,
+        since_earliest_ns=time_ns - 600_000_000_000,
+        since_latest_ns=time_ns - 600_000_000_000,
+        changes=changes if kind == "foundation" else (),
+        shifts=(),
+        text="the foundation has changed",
+    )
 
 
 def untrusted(posterior: FoundationPosterior) -> FoundationPosterior:

@@ -14,7 +14,7 @@ from pipeline.farm import farm, sources
 from pipeline.farm.farm import PoolingSettings, pooled_farm
 from pipeline.farm.results import pooled_posterior
 from pipeline.farm.settings import FarmError, GibbsSettings
-from pipeline.farm.sources import RunningFarm, recorded_posteriors
+from pipeline.farm.sources import RunningFarm, recorded_turbines
 from pipeline.recording.writer import Recorder
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
@@ -58,7 +58,7 @@ def test_a_farm_waits_no_longer_than_it_says(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(sources, "Inbox", EmptyInbox)
     with pytest.raises(FarmError, match="no posterior came"):
-        RunningFarm(MemoryBus()).posteriors()
+        RunningFarm(MemoryBus()).messages()
     (patience,) = asked
     assert 0 < patience <= sources.FIRST_PATIENCE
 
@@ -92,17 +92,17 @@ def test_people_get_a_table_and_what_was_left_out(recorded: Path) -> None:
 
 
 def test_the_last_posterior_of_each_turbine_is_read(recorded: Path) -> None:
-    assert sorted(each.turbine for each in recorded_posteriors([recorded])) == [
+    assert sorted(each.turbine for each in recorded_turbines([recorded])) == [
         "t1", "t2", "t3", "t4",
     ]  # fmt: skip
 
 
 def test_nothing_recorded_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(FarmError, match="holds no recording"):
-        recorded_posteriors([tmp_path])
+        recorded_turbines([tmp_path])
     Recorder(tmp_path / "empty.mcap", metadata={}, clock=None).close()
     with pytest.raises(FarmError, match="no posterior is recorded in"):
-        recorded_posteriors([tmp_path])
+        recorded_turbines([tmp_path])
 
 
 def test_recordings_and_a_session_that_runs_exclude_each_other() -> None:
@@ -128,7 +128,7 @@ def test_a_session_that_runs_gives_what_it_published_before_anybody_asked() -> N
 def test_a_session_without_a_posterior_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sources, "FIRST_PATIENCE", 0.05)
     with pytest.raises(FarmError, match=r"no posterior came in 0\.05 s"):
-        RunningFarm(MemoryBus()).posteriors()
+        RunningFarm(MemoryBus()).messages()
 
 
 def test_a_farm_that_is_followed_is_pooled_again_with_each_new_posterior() -> None:

@@ -29,6 +29,10 @@ X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
         ("V_45m_O-W", 45.0, Y),  # Ost
         ("Vel 45m E/W", 45.0, Y),
         ("acc_45m_V", 45.0, Z),
+        ("45 m längs", 45.0, X),
+        ("Turm 45m Quer", 45.0, Y),
+        ("Beschl. 45 m vertikal", 45.0, Z),
+        ("45 m Ost", 45.0, Y),
     ],
 )
 def test_height_and_axis_are_read_from_a_channels_name(
@@ -50,6 +54,19 @@ def test_a_number_that_only_counts_is_no_height(name: str) -> None:
     assert not guessed.height_known
     assert guessed.elevation == 3.0
     assert "not in the name" in guessed.reason
+
+
+@pytest.mark.parametrize("letter", ["y", "x", "z"])
+def test_the_letter_of_a_matrix_is_no_axis(letter: str) -> None:
+    assert not any(each.direction_known for each in guess_channels([f"{letter}1", f"{letter}2"]))
+    heights = guess_channels([f"{letter}_15m", f"{letter}_85m"])
+    assert all(each.direction_known for each in heights)
+
+
+def test_channels_that_differ_in_the_axis_alone_are_at_one_place() -> None:
+    guessed = guess_channels(["top FA", "top SS", "mid FA", "mid SS", "mid V", "hub"])
+    assert [each.elevation for each in guessed] == [1, 1, 2, 2, 2, 3]
+    assert not any(each.height_known for each in guessed)
 
 
 def test_consecutive_numbers_are_sensors_and_no_heights() -> None:
@@ -121,10 +138,14 @@ def test_motions_and_what_may_be_one_stay(name: str, unit: str) -> None:
 
 
 def test_two_channels_of_one_height_without_axes_are_taken_across_each_other() -> None:
-    found = guess_channels(["top 92 m langs", "top 92 m tvaers", "foot 10 m X"])
+    found = guess_channels(["top 92 m a", "top 92 m b", "foot 10 m X"])
     assert [each.direction for each in found] == [FORE_AFT, SIDE_SIDE, FORE_AFT]
     assert found[1].reason.count("taken across the other one at its height") == 1
     assert not found[1].direction_known
+    danish = guess_channels(["top 92 m langs", "top 92 m tvaers"])
+    assert [each.direction for each in danish] == [FORE_AFT, SIDE_SIDE]
+    half = guess_channels(["top 92 m other", "top 92 m SS", "foot 10 m Z", "foot 10 m a"])
+    assert [each.direction for each in half] == [FORE_AFT, SIDE_SIDE, Z, FORE_AFT]
     three = guess_channels(["top 92 m a", "top 92 m b", "top 92 m c"])
     assert [each.direction for each in three] == [FORE_AFT] * 3
 

@@ -212,6 +212,39 @@ def test_structures_of_matlab_are_groups_with_their_own_notes(tmp_path: Path) ->
     np.testing.assert_allclose(table.samples, 9.80665 * SAMPLES)
 
 
+def test_a_header_beside_the_measurements_has_their_rate_start_and_unit(tmp_path: Path) -> None:
+    header = {"fs": RATE, "startTime": "13-Mar-2024 12:00:00.250", "units": "g"}
+    data = {"info": header, "acc": {"L106": {"x": SAMPLES[:, 0]}, "L042": {"x": SAMPLES[:, 1]}}}
+    savemat(tmp_path / "a.mat", {"Data": data})
+
+    def fill(file: h5py.File) -> None:
+        file.create_group("header").attrs.update(header)
+        file["acc/L106"], file["acc/L042"] = SAMPLES.T
+
+    for path in (tmp_path / "a.mat", hdf5(tmp_path, fill)):
+        table = read_file(path)
+        assert table.sampling_rate == RATE
+        assert table.start_ns == START_NS
+        assert table.units == ("m/s²", "m/s²")
+
+
+def test_texts_beside_a_matrix_name_its_columns_whatever_they_are_called(tmp_path: Path) -> None:
+    names = ["top FA", "mid FA"]
+    assert read_file(npz(tmp_path, y=SAMPLES, lbl=names, Fs=50)).names == tuple(names)
+    both = npz(tmp_path, y=SAMPLES, lbl=names, who=["Ann", "Bob"], Fs=50)
+    assert read_file(both).names == ("y1", "y2")
+
+
+def test_what_rises_evenly_is_no_channel(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = npz(tmp_path, a=SAMPLES[:, 0], b=SAMPLES[:, 1], tt=SECONDS.astype(np.float32), fs=RATE)
+    assert read_file(path).names == ("a", "b")
+    assert "tt rises evenly from 0 by 0.02 and is no channel" in caplog.text
+    unknown = npz(tmp_path, a=SAMPLES[:, 0], tt=SECONDS)
+    assert read_file(unknown).sampling_rate is None
+    assert "where it is the time, --sampling-rate HZ stands for it" in caplog.text
+    assert read_file(npz(tmp_path, ramp=SECONDS, fs=RATE)).names == ("ramp",)
+
+
 def test_cells_of_matlab_that_hold_more_than_texts_are_no_names(tmp_path: Path) -> None:
     content = {"acc": SAMPLES, "fs": RATE, "names": np.array(["a", 2.0], object)}
     savemat(tmp_path / "a.mat", content)
