@@ -25,7 +25,7 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.recording.salvage import remaining_messages
 from pipeline.runtime.runner import one_blas_thread
 from pipeline.runtime.source_feed import with_end
-from pipeline.sources.playback import SensorMessage
+from pipeline.sources.recorded_stream import SensorMessage
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower

@@ -9,7 +9,7 @@ listen. Figures that are not known yet are not there, rather than zero.
 import logging
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -23,15 +23,14 @@ from sensors.errors import InputError
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
+    from pipeline.monitoring.alarms.outbox import DeliveryState
+
 logger = logging.getLogger(__name__)
 
 LAST_PORT = 65_535
-QUANTILE_LEVELS = (
-    ("0.05", "p05"),
-    ("0.5", "median"),
-    ("0.95", "p95"),
-)  # `quantile` is for summaries
+QUANTILE_LEVELS = (("0.05", "p05"), ("0.5", "median"), ("0.95", "p95"))  # of a label `level`
 COUNTED_BY_NODES = ("lost", "recovered", "late", "duplicate", "malformed")
+DELIVERY_OUTCOMES = ("delivered", "failed", "refused", "dropped")
 
 Families = Iterable["Metric"]
 Sample = tuple[tuple[str, ...], float]  # values of the labels, the figure
@@ -184,6 +183,26 @@ def _foundation(run: RunState) -> Families:
     ]
     text = "When the newest change was noticed."
     yield gauge("event_timestamp_seconds", text, ("turbine", "kind"), latest)
+
+
+def delivery_families(states: "Sequence[DeliveryState]") -> Families:
+    """Return what became of alarm messages, by channel."""
+    outcomes = [
+        ((each.channel, outcome), float(getattr(each, outcome)))
+        for each in states
+        for outcome in DELIVERY_OUTCOMES
+    ]
+    text = "Alarm messages by outcome; failed: attempts."
+    yield counter("alarm_deliveries", text, ("channel", "outcome"), outcomes)
+    waiting = [((each.channel,), float(each.waiting)) for each in states]
+    text = "Alarm messages that wait for delivery."
+    yield gauge("alarm_waiting", text, ("channel",), waiting)
+    ages = [((each.channel,), each.age) for each in states]
+    text = "How long the oldest waiting alarm message has waited."
+    yield gauge("alarm_age_seconds", text, ("channel",), ages)
+    confirmed = [((each.channel,), each.last_ns / NANOSECONDS) for each in states if each.last_ns]
+    text = "When an alarm message was last confirmed."
+    yield gauge("alarm_delivered_timestamp_seconds", text, ("channel",), confirmed)
 
 
 def gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[Sample]) -> "Metric":

@@ -14,8 +14,7 @@ from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import ALARMS_KEY, AlarmNode, running_alarm_node
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
 from pipeline.monitoring.alarms.channels import channels_of
-from pipeline.monitoring.alarms.delivery_metrics import delivery_families
-from pipeline.monitoring.metrics import MetricsNode, served
+from pipeline.monitoring.metrics import MetricsNode, delivery_families, served
 from pipeline.monitoring.status import STATUS_KEY, StatusNode
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.nodes.node import Node, Plan

@@ -15,8 +15,7 @@ from pipeline.sources.ground_truth import (
     stored_truth,
     with_truths,
 )
-from pipeline.sources.playback import Playback
-from pipeline.sources.recorded_stream import SourceError, recorded_stream, recordings_in
+from pipeline.sources.recorded_stream import Playback, SourceError, recorded_stream, recordings_in
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.acquisition.pacing import Pace, paced

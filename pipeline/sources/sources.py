@@ -29,14 +29,13 @@ from pipeline.sources.ground_truth import (
     simulated_truths,
     with_truths,
 )
-from pipeline.sources.playback import Playback
 from pipeline.sources.recorded_source import (
     MonotonicClock,
     due_of,
     recorded_with_truths,
     source_of,
 )
-from pipeline.sources.recorded_stream import SourceError, recordings_in
+from pipeline.sources.recorded_stream import Playback, SourceError, recordings_in
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.pacing import Pace, paced

@@ -19,7 +19,7 @@ from sensors.feeds.opcua.values import ScadaValueReader, ValueReader
 from sensors.feeds.payloads.scada import ScadaReader
 from sensors.feeds.position import FeedPosition, position_file
 from sensors.feeds.protocol import Arrival, Feed, FeedCounts, FeedError
-from sensors.feeds.seedlink.seedlink_feed import SeedLinkFeed
+from sensors.feeds.seedlink import SeedLinkFeed
 from sensors.feeds.udp import UdpFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 

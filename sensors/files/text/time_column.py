@@ -21,8 +21,14 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.files.table import DateOrder
-from sensors.files.text.dates import DateError, DateStyle, kind_of_text, zone_offset_ns
-from sensors.files.text.local_clock import Midnights, SummerTime
+from sensors.files.text.dates import (
+    DateError,
+    DateStyle,
+    Midnights,
+    SummerTime,
+    kind_of_text,
+    zone_offset_ns,
+)
 
 SECONDS_PER_UNIT = {
     "": 1.0,

@@ -20,7 +20,7 @@ from sensors.feeds.assembly.assembler import Assembler
 from sensors.feeds.live import LiveFeed, Measured
 from sensors.feeds.open_feed import open_feed
 from sensors.feeds.protocol import FeedError
-from sensors.feeds.seedlink.seedlink_feed import SeedLinkFeed, stations_of
+from sensors.feeds.seedlink import SeedLinkFeed, stations_of
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.scripted import measured_until
 from tests.sensors.feeds.seedlink_server import SeedLinkServer, records, seedlink_server
