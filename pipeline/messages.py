@@ -5,6 +5,7 @@ otherwise. `streams.py` defines on which key each type travels; `transport/codec
 written.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -432,6 +433,11 @@ class MessageCount:
 
     message: str  # type name, e.g. "ModalEstimate"
     count: int
+
+
+def message_counts(counts: Mapping[str, int]) -> tuple[MessageCount, ...]:
+    """The counts as they travel, in alphabetical order."""
+    return tuple(MessageCount(name, count) for name, count in sorted(counts.items()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
-from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
+from pipeline.messages import Message, NodeStatus, QualityWarning, message_counts
 from pipeline.nodes.node import Node, NodeStatistics, PayloadNode
 from sensors.acquisition.blocks import AccelerationBlock
 
@@ -107,11 +107,6 @@ class NodeAccount:
             recorded=counts.recorded,
             refused=message_counts(counts.rejected),
         )
-
-
-def message_counts(counter: Counter[str]) -> tuple[MessageCount, ...]:
-    """The counts as they travel, in alphabetical order."""
-    return tuple(MessageCount(name, count) for name, count in sorted(counter.items()))
 
 
 def heard_blocks(status: NodeStatus | None) -> bool:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Protocol
 
-from pipeline.messages import Message, NodeStatus, StreamEnd
-from pipeline.nodes.statistics import heard_blocks, message_counts
+from pipeline.messages import Message, NodeStatus, StreamEnd, message_counts
+from pipeline.nodes.statistics import heard_blocks
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.flow_control import Credit, Quiet, is_drained
 from pipeline.runtime.node_thread import STOPPED_WITHIN

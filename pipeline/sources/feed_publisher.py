@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
-from pipeline.nodes.statistics import message_counts
+from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning, message_counts
 from pipeline.runtime.node_thread import STATUS_PERIOD, open_session
 from pipeline.runtime.source_feed import BlockReport, with_end
 from pipeline.runtime.watchdog import Watchdog

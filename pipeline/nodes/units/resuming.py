@@ -7,16 +7,14 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from pipeline.messages import Message
-from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot, UnitSession
-from pipeline.nodes.units.joined_session import JoinedSession
+from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot
+from pipeline.nodes.units.sessions import IdentifiedSession, JoinedSession
 from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
 OVERTAKING = 10  # messages by which a block may have come before one that lies before it
-
-IdentifiedSession = UnitSession | JoinedSession
 
 
 @dataclass(frozen=True, slots=True)
