@@ -23,13 +23,13 @@ from pipeline.messages import (
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.salvage import remaining_messages
-from pipeline.runtime.runner import one_blas_thread
 from pipeline.runtime.source_feed import with_end
 from pipeline.sources.recorded_stream import SensorMessage
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower
 from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import one_blas_thread
 
 ARCHIVE_SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
 SCADA_BEFORE = 600.0  # in which the state at a window's beginning was reported [s]

@@ -24,13 +24,13 @@ from pipeline.archive.store import StoredFrame, frames_of, key_of_result, messag
 from pipeline.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
 from pipeline.nodes.operating_state import OperationSettings, usable_estimate
-from pipeline.runtime.runner import one_blas_thread
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import one_blas_thread
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import TurbineDescription
 

@@ -42,7 +42,7 @@ def update(
     as_json: JsonOption = False,
 ) -> None:
     """Update the foundation's stiffness from a recording; print the misfit of every mode."""
-    from pipeline.offline.update_recording import holds_estimates, update_from
+    from pipeline.run.update_recording import holds_estimates, update_from
     from pipeline.sources.sources import replayed_with_structure
 
     started = time.monotonic()

@@ -15,7 +15,6 @@ from pipeline.messages import (
 )
 from pipeline.nodes.operating_state import usable_estimate
 from pipeline.recording.reader import read_messages
-from pipeline.runtime.runner import one_blas_thread
 from pipeline.scenario import Scenario
 from pipeline.sources.recorded_stream import recordings_in
 from pipeline.sources.sources import Source, replayed_with_structure
@@ -33,6 +32,7 @@ from pipeline.updating.structural.periods.calibration import (
 )
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import one_blas_thread
 from sensors.errors import InputError
 from sensors.json_values import Json
 from sensors.settings import toml_string

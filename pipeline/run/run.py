@@ -38,7 +38,7 @@ from pipeline.run.ownership import Ownership, epoch_of, owned
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
 from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
 from pipeline.runtime.node_thread import NodeThread, open_session, serve
-from pipeline.runtime.runner import one_blas_thread, run_lock_step, run_workers
+from pipeline.runtime.runner import run_lock_step, run_workers
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.runtime.source_feed import Worker
@@ -50,6 +50,7 @@ from pipeline.transport.bus import Bus
 from pipeline.transport.zenoh_bus import ZenohBus
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput, require_rerun
 from sensors.acquisition.blocks import AccelerationBlock
+from sensors.arrays import one_blas_thread
 from sensors.errors import InputError
 from sensors.json_values import Json
 

@@ -236,9 +236,9 @@ def updated(
 ) -> list[Answer]:
     """Every posterior, event and rejected window, in order, as a session of these gives them."""
     from pipeline.nodes.updating import TurbineUpdating
-    from pipeline.runtime.runner import one_blas_thread
     from pipeline.updating.structural.inference import joint_inference
     from pipeline.updating.updater import FoundationUpdater
+    from sensors.arrays import one_blas_thread
 
     settings, population = scenario.updating, scenario.population
     with one_blas_thread():
