@@ -28,6 +28,7 @@ from pipeline.archive.turbines import archived_turbines
 from pipeline.archive.work import Call, Failed, Workers
 from sensors.atomic_write import written_whole
 from sensors.errors import InputError
+from sensors.json_values import fields_of
 
 FINISHED = ".finished"  # folder of what is kept from run to run, within the results
 SURVEYS = "surveys.pw"  # file of what is known of the recordings, in that folder
@@ -210,11 +211,7 @@ class _Reprocessing:
         summary = {
             "files": report.files,
             "copies": [str(path) for path in report.copies],
-            "turbines": report.turbines,
-            "identified": report.identified,
-            "rejected": report.rejected,
-            "posteriors": report.posteriors,
-            "events": report.events,
+            **fields_of(report, "turbines", "identified", "rejected", "posteriors", "events"),
             "failures": [{"file": each.path, "reason": each.text} for each in report.failures],
             "salvaged": [{"file": each.path, "damage": each.text} for each in report.salvaged],
             "tables": [path.name for path in report.tables],

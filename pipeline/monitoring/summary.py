@@ -20,11 +20,11 @@ from pipeline.messages import (
 from pipeline.nodes.node import Sink
 from pipeline.nodes.sharding import of_kind
 from pipeline.nodes.statistics import heard_blocks
-from pipeline.state.posterior_json import empty_summary, posterior_summary
+from pipeline.state.posterior_json import QUANTILES, empty_summary, posterior_summary
 from pipeline.state.run_state import RunState
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-from sensors.json_values import Json, known, with_nulls
+from sensors.json_values import Json, fields_of, known, with_nulls
 
 KEPT_WINDOWS = 5000  # rejections, gaps, posteriors of a live session, each: a month of ten minutes
 BLOCK_NODES = ("recorder", "identification", "viewer")  # that take blocks, or shares of them
@@ -190,10 +190,7 @@ def _event(state: TurbineState, event: FoundationEvent) -> Json:
         "noticed": _since_start(state, event.time_ns),
         "since": _since_start(state, event.since_ns),
         "text": event.text,
-        "changes": {
-            each.name: {"median": each.median, "p05": each.p05, "p95": each.p95}
-            for each in event.changes
-        },
+        "changes": {each.name: fields_of(each, *QUANTILES) for each in event.changes},
         "revised": _revised(state, event),
     }
 
@@ -204,7 +201,7 @@ def _revised(state: TurbineState, event: FoundationEvent) -> Json | None:
     if found is None:
         return None
     springs = {
-        each.name: {"median": each.median - 1, "p05": each.p05 - 1, "p95": each.p95 - 1}
+        each.name: {quantile: getattr(each, quantile) - 1 for quantile in QUANTILES}
         for each in found.springs
     }
     return {"posteriors": found.n_posteriors, "changes": springs, "text": found.text}
@@ -222,10 +219,7 @@ def _posterior(state: TurbineState) -> Json:
     return posterior_summary(last, state.truth) | {
         "trusted": last.trusted,
         "windows": last.n_windows,
-        "sampler": last.sampler,
-        "reduced_chi_square": known(last.reduced_chi_square),
-        "paired_share": known(last.paired_share),
-        "pairing_cost": known(last.pairing_cost),
+        **fields_of(last, "sampler", "reduced_chi_square", "paired_share", "pairing_cost"),
     }
 
 

@@ -8,7 +8,7 @@ from rich.table import Table
 from pipeline.cli.tables.cells import table_of
 from pipeline.recording.info import RecordingInfo, UnitInfo
 from pipeline.scenario import Scenario
-from sensors.json_values import Json
+from sensors.json_values import Json, fields_of
 
 
 def recording_tables(info: RecordingInfo) -> list[Table]:
@@ -54,31 +54,21 @@ def info_json(info: RecordingInfo) -> Json:
         "size_bytes": info.size,
         "duration_s": info.duration,
         "metadata": info.metadata,
-        "channels": [
-            {"key": each.key, "message": each.message, "count": each.count}
-            for each in info.channels
-        ],
+        "channels": [fields_of(each, "key", "message", "count") for each in info.channels],
         "units": [_unit_json(unit) for unit in info.units],
-        "nodes": [
-            {"node": each.node, "state": each.state, "lost": each.lost, "late": each.late}
-            for each in info.health
-        ],
+        "nodes": [fields_of(each, "node", "state", "lost", "late") for each in info.health],
     }
 
 
 def _unit_json(unit: UnitInfo) -> Json:
     return {
-        "turbine": unit.turbine,
-        "unit": unit.unit,
-        "session": unit.session,
+        **fields_of(unit, "turbine", "unit", "session"),
         "sampling_rate_hz": unit.sampling_rate,
         "channels": unit.n_channels,
         "blocks": unit.n_blocks,
-        "start_ns": unit.start_ns,
-        "end_ns": unit.end_ns,
+        **fields_of(unit, "start_ns", "end_ns"),
         "gaps": [
-            {"start_ns": gap.start_ns, "end_ns": gap.end_ns, "blocks": gap.n_blocks}
-            for gap in unit.gaps
+            fields_of(gap, "start_ns", "end_ns") | {"blocks": gap.n_blocks} for gap in unit.gaps
         ],
     }
 
