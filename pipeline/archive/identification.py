@@ -82,9 +82,9 @@ def _untracked(answer: Message) -> Message:
     """Without what a tracker of this task alone has reported."""
     if not isinstance(answer, ModalEstimate):
         return answer
-    doubts = tuple(each for each in answer.warnings if not each.code.startswith(TRACKING))
+    warnings = tuple(each for each in answer.warnings if not each.code.startswith(TRACKING))
     modes = tuple(replace(mode, name="") for mode in answer.modes)
-    return replace(answer, modes=modes, warnings=doubts)
+    return replace(answer, modes=modes, warnings=warnings)
 
 
 def task_messages(task: IdentificationTask) -> Iterator[Message]:

@@ -117,9 +117,9 @@ def anchored(call: StretchCall) -> tuple[StoredFrame, ...]:
     state = updater.restored(call.state, origin="the state of the archive")
     estimate = restored_estimate(call.estimates[0])
     with one_blas_thread():
-        state, said = updater.accumulated(state, estimate)
+        state, outcome = updater.accumulated(state, estimate)
         state, posterior = updater.refreshed(state, estimate)
-    answers = (said, posterior) if isinstance(said, FoundationEvent) else (posterior,)
+    answers = (outcome, posterior) if isinstance(outcome, FoundationEvent) else (posterior,)
     return (*frames_of(answers), (STATE_FRAME, updater.saved(state)))
 
 
@@ -187,10 +187,10 @@ class PosteriorPass:
         payload = kept_estimate(usable)
         estimate = restored_estimate(payload)
         with one_blas_thread():
-            after, said = self._updater.accumulated(self._state, estimate)
-        if isinstance(said, WindowRejected):
-            yield said
-        elif isinstance(said, FoundationEvent) or self._is_anchor(after):
+            after, outcome = self._updater.accumulated(self._state, estimate)
+        if isinstance(outcome, WindowRejected):
+            yield outcome
+        elif isinstance(outcome, FoundationEvent) or self._is_anchor(after):
             yield from self._stretch_ended()
             yield from self._anchored(payload)
         else:

@@ -118,7 +118,7 @@ class _Reprocessing:
         self._out = out
         self._finished = FinishedResults(out / FINISHED)
         self._workers = workers
-        self._say = report
+        self._report_progress = report
         self._report = ArchiveReport()
 
     def run(
@@ -147,7 +147,7 @@ class _Reprocessing:
             else:
                 found.append(outcome.result)
                 cache.put(outcome.result.path, outcome.result)
-            self._say("reading", done, len(files))
+            self._report_progress("reading", done, len(files))
         cache.close()
         found.sort(key=lambda survey: survey.path)
         originals, copies = without_copies(found)
@@ -163,7 +163,7 @@ class _Reprocessing:
         total = sum(history.n_tasks for history in histories)
         done = total - len(missing)
         self._report.found_finished += done
-        self._say("identifying", done, total)
+        self._report_progress("identifying", done, total)
         for outcome in self._workers.outcomes(
             Call(call.key, identified_frames, call) for call in missing
         ):
@@ -172,7 +172,7 @@ class _Reprocessing:
                 self._fail(str(outcome.call.argument.task.path), outcome.result)
             else:
                 self._keep(outcome.call.key, outcome.result)
-            self._say("identifying", done, total)
+            self._report_progress("identifying", done, total)
 
     def _update(self, histories: Sequence[TurbineHistory]) -> None:
         """Tracking, sums and posteriors of every turbine, months written as they are whole."""
@@ -186,8 +186,8 @@ class _Reprocessing:
             for history in histories:
                 if history.settle(outcome.call.key, failed=failed):
                     break
-            self._say("updating", sum(history.done for history in histories), total)
-        self._say("updating", sum(history.done for history in histories), total)
+            self._report_progress("updating", sum(history.done for history in histories), total)
+        self._report_progress("updating", sum(history.done for history in histories), total)
 
     def _count(self, histories: Sequence[TurbineHistory]) -> None:
         """What the tables hold now."""

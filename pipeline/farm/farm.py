@@ -136,7 +136,7 @@ def pooled_farm(
     figures, common = common_errors(evidence)
     population = _population(members, drawn, coordinates, settings.population, figures, common)
     with_errors = drawn.with_common_errors(common, generator) if figures else drawn
-    return _told(members, left_out, with_errors, coordinates, population)
+    return _pooled_farm(members, left_out, with_errors, coordinates, population)
 
 
 def equal_spreads(coordinates: SpringCoordinates) -> FloatArray:
@@ -150,7 +150,7 @@ def equal_spreads(coordinates: SpringCoordinates) -> FloatArray:
     return np.asarray(inverse @ inverse.T, dtype=np.float64)
 
 
-def _told(
+def _pooled_farm(
     members: Sequence[FoundationPosterior],
     left_out: tuple[LeftOut, ...],
     drawn: PooledDraws,

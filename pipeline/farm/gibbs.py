@@ -83,8 +83,8 @@ class Gibbs:
         )
         noise = seen_covariance + outlying[..., None, None] * self._outlier
         state.mean = self._mean(seen, noise + state.covariance[:, None])
-        self._walk(state, seen, noise)
-        self._walk_spread(state)
+        self._random_walk(state, seen, noise)
+        self._random_walk_of_spread(state)
         regular = self._between(
             state.mean[:, None], _inverse(state.covariance)[:, None], seen, noise
         )
@@ -92,7 +92,7 @@ class Gibbs:
         different = self._between(regular, outlier_precision, seen, seen_covariance)
         points = np.where(outlying[..., None], different, regular)
         state.covariance = self._covariance(regular - state.mean[:, None], state.spread)
-        self._walk_spread(state)
+        self._random_walk_of_spread(state)
         count, n_turbines = outlying.sum(axis=1), outlying.shape[1]
         state.outlier_share = self._generator.beta(
             self._prior.outliers + count, self._prior.regular + n_turbines - count
@@ -138,7 +138,7 @@ class Gibbs:
         weighted = (precision @ centre[..., None] + seen_precision @ seen[..., None])[..., 0]
         return self._gaussian(weighted, precision + seen_precision)
 
-    def _walk(self, state: State, seen: FloatArray, noise: FloatArray) -> None:
+    def _random_walk(self, state: State, seen: FloatArray, noise: FloatArray) -> None:
         """Σ and τ by Metropolis steps with b integrated out, the state's in place.
 
         Steps A of the linear group, Σ → A Σ Aᵀ, as often A as A⁻¹: a walk that looks the same from
@@ -161,7 +161,7 @@ class Gibbs:
             trial, spread = factor[:, None, None] ** 2 * state.covariance, factor * state.spread
             here = self._accept(state, trial, spread, here, log_density(trial, spread))
 
-    def _walk_spread(self, state: State) -> None:
+    def _random_walk_of_spread(self, state: State) -> None:
         """τ given Σ, the state's in place; as often up as down in ln τ."""
         here = self._log_prior(state.covariance, state.spread)
         for _ in range(JOINT_STEPS):

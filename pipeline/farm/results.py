@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 from pipeline.farm.farm import Farm, Interval, PooledTurbine
 from pipeline.farm.settings import FarmError
 from pipeline.messages import ParameterSummary, PooledPosterior
-from pipeline.state.posterior_json import QUANTILES, stiffness_summary
+from pipeline.state.posterior_json import MEDIAN_AND_INTERVAL, stiffness_summary
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.json_values import Json, fields_of
 
@@ -60,7 +60,7 @@ def _springs(springs: tuple[ParameterSummary, ...]) -> Json:
 
 def _intervals(intervals: Iterable[Interval]) -> Json:
     pairs = zip(PARAMETER_NAMES, intervals, strict=True)
-    return {name: fields_of(each, *QUANTILES) for name, each in pairs}
+    return {name: fields_of(each, *MEDIAN_AND_INTERVAL) for name, each in pairs}
 
 
 def write_parquet(farm: Farm, path: Path) -> None:

@@ -71,7 +71,7 @@ def _streams(run: RunState, now_ns: int) -> Families:
         for turbine, state in run.turbines.items()
         for name, each in state.units.items()
     ]
-    heard = [(key, each) for key, each in units if each.end_ns is not None]
+    received_units = [(key, each) for key, each in units if each.end_ns is not None]
     short = [(key, each) for key, each in units if each.gaps]
     received = [
         ((turbine, message), count)
@@ -80,16 +80,16 @@ def _streams(run: RunState, now_ns: int) -> Families:
     ]
     yield counter("messages", "Messages received.", ("turbine", "message"), received)
     unit = ("turbine", "unit")
-    samples = [(key, each.samples) for key, each in heard]
+    samples = [(key, each.samples) for key, each in received_units]
     yield counter("samples", "Samples a channel received.", unit, samples)
     gaps = [(key, each.gaps) for key, each in short]
     yield counter("gaps", "Gaps in the measurements.", unit, gaps)
     missing = [(key, each.missing_ns / NANOSECONDS) for key, each in short]
     yield counter("missing_seconds", "Measured time that is missing.", unit, missing)
-    lags = [(key, (now_ns - (each.end_ns or 0)) / NANOSECONDS) for key, each in heard]
+    lags = [(key, (now_ns - (each.end_ns or 0)) / NANOSECONDS) for key, each in received_units]
     text = "Age of the newest sample by this machine's clock; of a replay, of its recording."
     yield gauge("lag_seconds", text, unit, lags)
-    rates = [(key, each.sampling_rate) for key, each in heard]
+    rates = [(key, each.sampling_rate) for key, each in received_units]
     yield gauge("sampling_rate_hertz", "Sampling rate of the unit.", unit, rates)
     streams = run.health.streams(now_ns)
     for name, text, field in (

@@ -19,8 +19,8 @@ from pipeline.messages import (
 )
 from pipeline.nodes.node import Sink
 from pipeline.nodes.sharding import of_kind
-from pipeline.nodes.statistics import heard_blocks
-from pipeline.state.posterior_json import QUANTILES, empty_summary, posterior_summary
+from pipeline.nodes.statistics import received_blocks
+from pipeline.state.posterior_json import MEDIAN_AND_INTERVAL, empty_summary, posterior_summary
 from pipeline.state.run_state import RunState
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -190,7 +190,7 @@ def _event(state: TurbineState, event: FoundationEvent) -> Json:
         "noticed": _since_start(state, event.time_ns),
         "since": _since_start(state, event.since_ns),
         "text": event.text,
-        "changes": {each.name: fields_of(each, *QUANTILES) for each in event.changes},
+        "changes": {each.name: fields_of(each, *MEDIAN_AND_INTERVAL) for each in event.changes},
         "revised": _revised(state, event),
     }
 
@@ -201,7 +201,7 @@ def _revised(state: TurbineState, event: FoundationEvent) -> Json | None:
     if found is None:
         return None
     springs = {
-        each.name: {quantile: getattr(each, quantile) - 1 for quantile in QUANTILES}
+        each.name: {quantile: getattr(each, quantile) - 1 for quantile in MEDIAN_AND_INTERVAL}
         for each in found.springs
     }
     return {"posteriors": found.n_posteriors, "changes": springs, "text": found.text}
@@ -242,12 +242,12 @@ def stream_figures(state: TurbineState, *, published: int, live: bool = False) -
 
 
 def _lost(state: TurbineState, published: int) -> int | None:
-    """Return how many blocks never came; None instead of 0 while a node has not heard any block."""
+    """Return how many blocks never came; None instead of 0 while a node has received no block."""
     takers = [status for node, status in state.statuses.items() if node != "source"]
     lost = max((status.lost for status in takers), default=0)
     kinds = [[each for each in takers if of_kind(each.node, kind)] for kind in BLOCK_NODES]
-    all_heard = all(any(map(heard_blocks, kind)) for kind in kinds if kind)
-    if lost or not published or (all_heard and any(map(heard_blocks, takers))):
+    all_received = all(any(map(received_blocks, kind)) for kind in kinds if kind)
+    if lost or not published or (all_received and any(map(received_blocks, takers))):
         return lost
     return None
 

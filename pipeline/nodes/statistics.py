@@ -109,7 +109,7 @@ class NodeAccount:
         )
 
 
-def heard_blocks(status: NodeStatus | None) -> bool:
+def received_blocks(status: NodeStatus | None) -> bool:
     """Whether a node has taken a block, or reports that blocks were lost before they reached it."""
     name = AccelerationBlock.__name__
     return status is not None and (

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Protocol
 
 from pipeline.messages import Message, NodeStatus, StreamEnd, message_counts
-from pipeline.nodes.statistics import heard_blocks
+from pipeline.nodes.statistics import received_blocks
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.flow_control import Credit, Quiet, is_drained
 from pipeline.runtime.node_thread import STOPPED_WITHIN
@@ -155,7 +155,7 @@ class SourceFeed:
         """Nodes that have not received the first block although its time is over [s, monotonic]."""
         if since is None or time.monotonic() - since < FIRST_BLOCK_TIMEOUT:
             return []
-        return [name for name in takers if not heard_blocks(self._latest.get(name))]
+        return [name for name in takers if not received_blocks(self._latest.get(name))]
 
 
 def source_status(turbine: str, published: Counter[str]) -> NodeStatus:

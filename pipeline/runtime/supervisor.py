@@ -138,12 +138,12 @@ class SupervisedProcess:
         self._process = None
         ran = self._clock() - self._started
         self._failures = 1 if ran >= self._back_off.proven else self._failures + 1
-        said = f"node {self.name} ended by itself with exit code {code}"
+        text = f"node {self.name} ended by itself with exit code {code}"
         if code == MISTAKE or self._failures > self._back_off.attempts:
-            raise NodeFailed(said)
+            raise NodeFailed(text)
         delay = self._back_off.delay(self._failures)
         self._due = self._clock() + delay
-        logger.warning("%s after %.1f s; it is started again in %g s", said, ran, delay)
+        logger.warning("%s after %.1f s; it is started again in %g s", text, ran, delay)
 
 
 def _let_go(process: "subprocess.Popen[bytes]") -> None:

@@ -50,7 +50,7 @@ class DurablePublisher:
         self._clock = clock
         self._busy = threading.Lock()
         self._inbox = Inbox()
-        self._heard: set[str] = set()  # keys of acknowledgements that are listened to
+        self._subscribed: set[str] = set()  # keys of acknowledgements that are listened to
         self._answered: float | None = None  # when something was acknowledged last [s]
         self._synced = clock()
         self._is_publishing = False
@@ -99,16 +99,16 @@ class DurablePublisher:
         """What the spool could not keep."""
         return tuple(self._warnings())
 
-    def tend(self, said: Message | None = None) -> None:
+    def tend(self, message: Message | None = None) -> None:
         """Take acknowledgements, sync and send again what is due; the thread does so regularly.
 
         Parameters
         ----------
-        said : Message, optional
+        message : Message, optional
             What has come from the shore.
         """
         with self._busy:
-            self._take_acknowledgements(said)
+            self._take_acknowledgements(message)
             now = self._clock()
             if now - self._synced >= SYNCED_WITHIN:
                 self._synced = now
@@ -125,8 +125,8 @@ class DurablePublisher:
 
     def _listen(self, turbine: str, unit: str) -> None:
         key = stream_of(RecordedUntil).key.format(turbine=turbine, unit=unit)
-        if key not in self._heard:
-            self._heard.add(key)
+        if key not in self._subscribed:
+            self._subscribed.add(key)
             self._bus.subscribe((RecordedUntil,), self._inbox, key=key)
 
     @contextmanager
@@ -141,13 +141,13 @@ class DurablePublisher:
         else:
             self._refused = ""
 
-    def _take_acknowledgements(self, said: Message | None = None) -> None:
-        said = said or self._inbox.get(timeout=0)
-        while said is not None:
-            assert isinstance(said, RecordedUntil)
+    def _take_acknowledgements(self, message: Message | None = None) -> None:
+        message = message or self._inbox.get(timeout=0)
+        while message is not None:
+            assert isinstance(message, RecordedUntil)
             self._answered = self._clock()
-            self._spool.acknowledge(said)
-            said = self._inbox.get(timeout=0)
+            self._spool.acknowledge(message)
+            message = self._inbox.get(timeout=0)
 
     def _due(self, now: float) -> Iterator[SpooledBlock]:
         """Blocks to send again: the oldest, as many as may be on their way."""

@@ -282,9 +282,9 @@ class FeedAccount:
 
     def _warnings(self, state: str) -> Iterator[QualityWarning]:
         counts, name = self._live.counts, self._live.name
-        never = state == "stopped" and not counts.connections and bool(counts.trouble)
+        never = state == "stopped" and not counts.connections and bool(counts.problem)
         if (not counts.connected and state == "running") or never:
-            yield QualityWarning("link-down", f"{name}: {counts.trouble or 'not connected yet'}")
+            yield QualityWarning("link-down", f"{name}: {counts.problem or 'not connected yet'}")
         if self._quiet:
             yield QualityWarning("quiet", self._silence)
         elif state == "stopped" and counts.connections and not counts.received:

@@ -160,7 +160,7 @@ class Books:
     ----------
     updates : bool, optional
         Whether the run has an updating, which owes every estimate an answer; None: it has one
-        when one is heard of.
+        when one has sent anything.
     """
 
     def __init__(self, *, updates: bool | None = None) -> None:
@@ -204,7 +204,7 @@ class Books:
     def _block(self, block: AccelerationBlock) -> None:
         session = _session(block)
         counter = self._boots.pop(session, None) or BootCounter()
-        self._boots[session] = counter  # of too many, those that were not heard for longest go
+        self._boots[session] = counter  # of too many, those that sent nothing for longest go
         present = self._blocks.get((*session, counter.boot))
         repeats = present is not None and block.sequence in present.recorded
         unused = counter.unused_before(block)

@@ -3,8 +3,8 @@
 from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
 from sensors.json_values import Json, fields_of, known, with_nulls
 
-SPRINGS = ("k11", "k22", "k12")
-QUANTILES = ("median", "p05", "p95")
+STIFFNESSES = ("k11", "k22", "k12")
+MEDIAN_AND_INTERVAL = ("median", "p05", "p95")
 
 
 def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | None = None) -> Json:
@@ -24,16 +24,18 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
         name: stiffness_summary(
             posterior.parameter(name), None if truth is None else getattr(truth, name)
         )
-        for name in SPRINGS
+        for name in STIFFNESSES
     }
     summary["sigma"] = fields_of(posterior.parameter("sigma"), "median", "p95")
     summary["figures"] = {each.name: figure_summary(each) for each in posterior.figures}
     summary["correlation"] = with_nulls(posterior.correlation.tolist())
     summary |= fields_of(posterior, "ess", "rhat", "change_probability", "structure")
-    summary["budget"] = {each.name: fields_of(each, *SPRINGS) for each in posterior.budget}
+    summary["budget"] = {each.name: fields_of(each, *STIFFNESSES) for each in posterior.budget}
     summary["alternatives"] = {each.name: each.probability for each in posterior.alternatives}
     summary["unpredicted_share"] = known(posterior.unpredicted_share)
-    summary["relative"] = {each.name: fields_of(each, *QUANTILES) for each in posterior.relative}
+    summary["relative"] = {
+        each.name: fields_of(each, *MEDIAN_AND_INTERVAL) for each in posterior.relative
+    }
     return summary
 
 
@@ -41,7 +43,7 @@ def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -
     """One stiffness in its unit and as ratios to nominal. truth: in the same unit."""
     median, low, high = ratios(parameter)
     return {
-        **fields_of(parameter, "unit", *QUANTILES),
+        **fields_of(parameter, "unit", *MEDIAN_AND_INTERVAL),
         "ratio_median": median,
         "ratio_p05": low,
         "ratio_p95": high,
@@ -51,12 +53,16 @@ def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -
 
 def figure_summary(figure: ParameterSummary) -> Json:
     """A figure of the structure: as a factor to the described one, scour in metres."""
-    return fields_of(figure, "unit", *QUANTILES, "contraction")
+    return fields_of(figure, "unit", *MEDIAN_AND_INTERVAL, "contraction")
 
 
 def empty_summary() -> Json:
     """The same entry where no window gave a posterior: every value None."""
-    nothing = (*QUANTILES, *(f"ratio_{each}" for each in QUANTILES), "truth_ratio")
+    nothing = (
+        *MEDIAN_AND_INTERVAL,
+        *(f"ratio_{each}" for each in MEDIAN_AND_INTERVAL),
+        "truth_ratio",
+    )
     units = {"k11": "N/m", "k22": "N·m/rad", "k12": "N/rad"}
     summary: Json = {name: {"unit": unit, **dict.fromkeys(nothing)} for name, unit in units.items()}
     summary["sigma"] = {"median": None, "p95": None}

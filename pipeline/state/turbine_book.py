@@ -64,7 +64,7 @@ class TurbineBook:
         Parameters
         ----------
         updated : bool
-            Whether an updating has been heard of.
+            Whether an updating has sent anything.
         awaited : bool
             Whether an updating owes it an answer.
         """

@@ -197,13 +197,13 @@ def publishing_key(message: Message) -> str:
     """
     for field in ("turbine", "unit", "node"):
         part = getattr(message, field, None)
-        wrong = None if part is None else key_part_complaint(part)
+        wrong = None if part is None else key_part_error(part)
         if wrong:
             raise TransportError(f"{field} {part!r} of a {type(message).__name__}: {wrong}")
     return key_of(message)
 
 
-def key_part_complaint(part: str) -> str:
+def key_part_error(part: str) -> str:
     """Why a name cannot be part of a key; "" where it can."""
     if part and not _NOT_IN_A_KEY.intersection(part):
         return ""

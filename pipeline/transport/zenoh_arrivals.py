@@ -136,10 +136,10 @@ def _published(sample: zenoh.Sample) -> float | None:
 
 def _began(sample: zenoh.Sample) -> float | None:
     """When a sample's publisher began; None where it does not state so."""
-    said = b"" if sample.attachment is None else sample.attachment.to_bytes()
-    if len(said) != struct.calcsize("<d"):
+    attached = b"" if sample.attachment is None else sample.attachment.to_bytes()
+    if len(attached) != struct.calcsize("<d"):
         return None
-    (moment,) = struct.unpack("<d", said)
+    (moment,) = struct.unpack("<d", attached)
     return moment if math.isfinite(moment) else None
 
 

@@ -129,7 +129,7 @@ class Rows:
             return []
         self._counts.received += 1
         try:
-            return self._times.taken(self._reader.sample(self._said(line)))
+            return self._times.taken(self._reader.sample(self._by_column(line)))
         except MessageError as error:
             self._counts.refuse(f"row {line[:40]!r}: {error}")
             return []
@@ -142,7 +142,7 @@ class Rows:
         self._separator = next((each for each in _SEPARATORS if each in text), ",")
         self._columns = self._cells(line)
 
-    def _said(self, line: bytes) -> dict[str, str]:
+    def _by_column(self, line: bytes) -> dict[str, str]:
         cells = self._cells(line)
         if len(cells) != len(self._columns):
             raise MessageError(f"{len(cells)} cells under {len(self._columns)} names")

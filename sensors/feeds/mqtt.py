@@ -265,8 +265,8 @@ class ScadaMessages:
         if times is None:
             times = RisingTimes(self._counts)
             self._times.put(topic, times)
-        said = json_of(payload)
-        for each in said if isinstance(said, list) else [said]:
+        content = json_of(payload)
+        for each in content if isinstance(content, list) else [content]:
             if not isinstance(each, dict):
                 raise MessageError(f"{each!r:.40} is no report; an object is")
             yield from times.taken(self._reader.sample(each))

@@ -77,7 +77,7 @@ class AlarmNode(Sink):
         self._log = AlarmLog(settings, notices_in(self._path))
         self._saved = self._log.notices
         self._lock = threading.Lock()
-        self._checked_ns, self._heard_ns = 0, clock()
+        self._checked_ns, self._received_ns = 0, clock()
         self._outboxes = [Outbox(folder / channel.name, clock=clock) for channel in channels]
         self._deliveries = [
             DeliveryThread(channel, outbox, clock=clock)
@@ -92,7 +92,7 @@ class AlarmNode(Sink):
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Take note of a message. Returns nothing and waits for no receiver."""
-        now_ns = self._heard_ns = self._clock()
+        now_ns = self._received_ns = self._clock()
         with self._lock:
             conditions = list(self._rules.causes(message, now_ns))
             check = now_ns - self._checked_ns >= CHECKED_EVERY
@@ -186,7 +186,7 @@ class AlarmNode(Sink):
         return f"{state.waiting} alarm messages wait for {state.channel}: {state.problem}"
 
     def _pulse(self) -> Pulse:
-        return Pulse(self._heard_ns, sum(not each.closed for each in self._log.notices))
+        return Pulse(self._received_ns, sum(not each.closed for each in self._log.notices))
 
     def _queue(self, raised: Sequence[AlarmMessage]) -> None:
         for message in raised:

@@ -112,7 +112,7 @@ class AcquisitionUnits:
 
     def named(self, name: str) -> AcquisitionUnit:
         """The unit that a message came from; made with its first one."""
-        leaving = self._names.heard(name)
+        leaving = self._names.note(name)
         if leaving is not None and leaving in self.by_name:
             self._let_go(leaving)
         if name not in self.by_name:

@@ -8,8 +8,8 @@ A forged, stray or broken block has no other effect than its count under the rea
 that starts again, under a new session's name or the same, is followed after five blocks, or at once
 where the end of its session was announced. Its starts under one session's name are its boots.
 
-A boot that goes on although another one has begun since is another device under the same name: the
-first that was heard is used, the other's blocks are refused while it sends.
+A boot that goes on although another one has started since is another device under the same name:
+the first one's blocks are used, the other's are refused while the first one sends.
 """
 
 from collections import Counter

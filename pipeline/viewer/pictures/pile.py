@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.messages import FoundationPosterior, FoundationTruth
+from pipeline.state.posterior_json import STIFFNESSES
 from pipeline.viewer.pictures.corner import Text
-from pipeline.viewer.pictures.status_text import STIFFNESSES
 from sensors.arrays import FloatArray
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import SpringSign, spring_matrix

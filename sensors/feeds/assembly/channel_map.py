@@ -38,7 +38,7 @@ class LayoutColumns:
         names = tuple(piece.names[i] for i in keep)
         return replace(piece, names=names, samples=piece.samples[:, keep])
 
-    def complaint(self, piece: ChannelSamples) -> str:
+    def refusal(self, piece: ChannelSamples) -> str:
         """Why the piece's unit is none for its channels; "" where it is."""
         for name in piece.names:
             if self._channels[name].unit is None and factor_to(piece.unit) is None:
@@ -81,16 +81,16 @@ def _accelerometer(channel: MappedChannel) -> Accelerometer:
     )
 
 
-def factor_of(channel: MappedChannel, said: str) -> float:
+def factor_of(channel: MappedChannel, stated: str) -> float:
     """What a sample is multiplied by to be in the channel's standard unit.
 
-    said   unit of the samples by the message's own words; the layout's unit takes precedence
+    stated   unit of the samples by the message's own words; the layout's unit takes precedence
     """
-    _, factor = in_standard_unit(channel.unit or said or UNSAID)
+    _, factor = in_standard_unit(channel.unit or stated or UNSAID)
     return factor / (channel.sensitivity or 1.0)
 
 
-def factor_to(said: str) -> float | None:
+def factor_to(stated: str) -> float | None:
     """What turns a unit into m/s²; None for one that is of no acceleration."""
-    unit, factor = in_standard_unit(said or UNSAID)
+    unit, factor = in_standard_unit(stated or UNSAID)
     return factor if unit == UNSAID else None

@@ -97,11 +97,11 @@ class WaitingRows:
 
     def _status(self, first: int, end: int) -> BlockStatus:
         """What the instrument reported of rows."""
-        said = BlockStatus.OK
+        reported = BlockStatus.OK
         for begin, behind, status in self._statuses:
             if begin < end and behind > first:
-                said |= status
-        return said
+                reported |= status
+        return reported
 
 
 @dataclass(slots=True)
@@ -154,9 +154,9 @@ class TimestampAligner:
 
     def push(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
         """Take what a message brought; give the blocks that it completes."""
-        complaint = self._owners.complaint(piece)
-        if complaint:
-            self._counts.refuse(complaint)
+        refusal = self._owners.refusal(piece)
+        if refusal:
+            self._counts.refuse(refusal)
             return
         stream = self._stream(piece.stream)
         if self._fits(piece, stream):
