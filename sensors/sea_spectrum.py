@@ -1,4 +1,4 @@
-"""The spectrum of a sea's surface: for loads, and to recognise the hump that a sea leaves in sensors."""
+"""The spectrum of a sea's surface: for loads, and to recognise the hump it makes in sensors."""
 
 import numpy as np
 

@@ -54,7 +54,7 @@ class UpdatingPlan:
     population: StiffnessPopulation | None = None  # the farm's prior; None: the uniform one
 
     def made(self) -> FoundationUpdater:
-        """The updater."""
+        """Return the updater."""
         return FoundationUpdater(
             ModalModel(self.structure, self.layout),
             self.layout,
@@ -99,7 +99,7 @@ class StretchCall:
 
 
 def posteriors(call: StretchCall) -> tuple[StoredFrame, ...]:
-    """A FoundationPosterior or a WindowRejected of each window, in order."""
+    """Return a FoundationPosterior or a WindowRejected of each window, in order."""
     updater = _updater(call.plan)
     state = updater.restored(call.state, origin="the state of the archive")
     answers: list[Message] = []
@@ -112,7 +112,7 @@ def posteriors(call: StretchCall) -> tuple[StoredFrame, ...]:
 
 
 def anchored(call: StretchCall) -> tuple[StoredFrame, ...]:
-    """The answers to one window, an event among them, and the state after it."""
+    """Return the answers to one window, an event among them, and the state after it."""
     updater = _updater(call.plan)
     state = updater.restored(call.state, origin="the state of the archive")
     estimate = restored_estimate(call.estimates[0])
@@ -127,7 +127,7 @@ _made: dict[str, FoundationUpdater] = {}  # of this process, by the key of their
 
 
 def _updater(plan: UpdatingPlan) -> FoundationUpdater:
-    """The plan's updater; each process makes it once and keeps the last few."""
+    """Return the plan's updater; each process makes it once and keeps the last few."""
     key = plan.key
     if key not in _made:
         while len(_made) >= UPDATERS_KEPT:

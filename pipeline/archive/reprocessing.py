@@ -85,7 +85,7 @@ def reprocessed(
 
 
 def _in_turn(histories: Sequence[TurbineHistory]) -> Iterator[Call | None]:
-    """A call of each turbine in turn, as long as any has one; None where all wait."""
+    """Yield a call of each turbine in turn, as long as any has one; None where all wait."""
     active = [history.calls() for history in histories]
     while active:
         found = False

@@ -332,7 +332,7 @@ def publish(
 
 
 def _published(source: str, scenario: str | None) -> "Source | RecordedSource":
-    """A replay as a tower unit has it, without structure and scipy; else any source."""
+    """Return a replay as a tower unit has it, without structure and scipy; else any source."""
     from pipeline.sources.recorded_source import recorded_source
 
     kind, _, name = source.partition(":")

@@ -48,7 +48,7 @@ class Unit:
 
     @property
     def name(self) -> str:
-        """In its certificate."""
+        """Name in the unit's certificate."""
         return f"{self.turbine}.{self.unit}"
 
     @property
@@ -59,7 +59,7 @@ class Unit:
 
     @property
     def acknowledged(self) -> list[str]:
-        """Where it reads which of its blocks are recorded."""
+        """Keys on which it reads which of its blocks are recorded."""
         return _with_caches([f"pilewatch/{self.turbine}/{self.unit}/{ACKNOWLEDGED}"])
 
 
@@ -82,7 +82,7 @@ def parse_unit(text: str) -> Unit:
 def access_control(
     units: Sequence[Unit], viewers: Sequence[str], nodes: Sequence[str] = ()
 ) -> Json:
-    """The `access_control` section of the shore station's configuration."""
+    """Return the `access_control` section of the shore station's configuration."""
     policies = [
         (_publishing(each.name, each.keys) + _hearing(each.name, each.acknowledged), each.name)
         for each in units
@@ -105,7 +105,7 @@ def access_control(
 
 
 def _publishing(name: str, keys: list[str]) -> list[Json]:
-    """That a machine's words come in and others' wishes go out to it."""
+    """Let a machine's messages in, and others' requests out to it."""
     return [
         _rule(f"{name} says", SAYS, ["ingress"], keys),
         _rule(f"{name} is asked", HEARS, ["egress"], EVERY_KEY),
@@ -113,7 +113,7 @@ def _publishing(name: str, keys: list[str]) -> list[Json]:
 
 
 def _reading(name: str) -> list[Json]:
-    """That a machine's wishes come in and others' words go out to it, except what is recorded."""
+    """Let a machine's requests in and others' messages out to it, except what is recorded."""
     to_all = _with_caches([f"pilewatch/*/*/{ACKNOWLEDGED}"])
     return [
         _rule(f"{name} is told", SAYS, ["egress"], EVERY_KEY),

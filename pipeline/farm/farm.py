@@ -68,7 +68,7 @@ class Interval:
 
     @classmethod
     def of(cls, draws: FloatArray) -> "Interval":
-        """Of (n,) draws."""
+        """Return median and 90 % interval of (n,) draws."""
         p05, median, p95 = np.quantile(draws, [0.05, 0.5, 0.95]).tolist()
         return cls(median, p05, p95)
 
@@ -289,7 +289,7 @@ def _evenly(length: int, most: int) -> FloatArray:
 def members_of(
     posteriors: Sequence[FoundationPosterior],
 ) -> tuple[list[FoundationPosterior], tuple[LeftOut, ...]]:
-    """The latest posterior of each turbine that can be pooled, and why others cannot."""
+    """Return the latest posterior of each turbine that can be pooled, and why others cannot."""
     latest: dict[str, FoundationPosterior] = {}
     for each in sorted(posteriors, key=lambda posterior: posterior.time_ns):
         latest[each.turbine] = each
@@ -307,7 +307,7 @@ def members_of(
 
 
 def _reason_against(posterior: FoundationPosterior, nominal: FloatArray | None) -> str:
-    """Why a posterior cannot be pooled; "" where it can."""
+    """Return why a posterior cannot be pooled; "" where it can."""
     if not posterior.trusted:
         return "its posterior is not trusted"
     if posterior.population:
@@ -327,6 +327,6 @@ def nominal_of(posterior: FoundationPosterior) -> FloatArray:
 
 
 def in_order(name: str) -> tuple[tuple[int, str], ...]:
-    """A key by which turbine 2 comes before turbine 10."""
+    """Return a key by which turbine 2 comes before turbine 10."""
     parts = re.split(r"(\d+)", name)
     return tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)

@@ -26,7 +26,7 @@ JOINT_STEPS = 2  # of all standard deviations with τ, and of τ alone
 
 @dataclass(slots=True, eq=False)
 class State:
-    """Of all chains; the leading axis of every array."""
+    """State of all chains, which are the leading axis of every array."""
 
     mean: FloatArray  # μ, (n_chains, d)
     covariance: FloatArray  # Σ, (n_chains, d, d)
@@ -202,7 +202,7 @@ class Gibbs:
         return root @ np.swapaxes(root, 1, 2)
 
     def _log_prior(self, covariance: FloatArray, spread: FloatArray) -> FloatArray:
-        """Of Σ and τ, with respect to |Σ|^−(d+1)/2 dΣ d ln τ."""
+        """Return the log prior of Σ and τ, with respect to |Σ|^−(d+1)/2 dΣ d ln τ."""
         nu, d, degrees = self._prior.spread_degrees, self._d, self._degrees
         factor = np.linalg.cholesky(covariance)
         log_determinant = 2 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)

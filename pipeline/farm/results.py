@@ -15,7 +15,7 @@ from sensors.json_values import Json, fields_of
 
 
 def pooled_posterior(farm: Farm, turbine: PooledTurbine) -> PooledPosterior:
-    """What is published of a turbine."""
+    """Return what is published of a turbine."""
     return PooledPosterior(
         turbine=turbine.turbine,
         window=turbine.window,
@@ -28,7 +28,7 @@ def pooled_posterior(farm: Farm, turbine: PooledTurbine) -> PooledPosterior:
 
 
 def farm_json(farm: Farm) -> Json:
-    """Everything but the draws; names are stable."""
+    """Return everything but the draws; names are stable."""
     return {
         "turbines": [_turbine(each) for each in farm.turbines],
         "left_out": [{"turbine": e.turbine, "reason": e.reason} for e in farm.left_out],

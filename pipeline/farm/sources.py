@@ -15,7 +15,7 @@ QUIET_STORE = 1.0  # without a further one: all have come that were kept [s]
 
 
 def recorded_posteriors(paths: Sequence[Path]) -> list[FoundationPosterior]:
-    """The last posterior of every turbine in some recordings, or in all of some folders.
+    """Return the last posterior of every turbine in some recordings, or in all of some folders.
 
     Raises FarmError where there is none, RecordingError for a file that cannot be read.
     """
@@ -55,7 +55,7 @@ class RunningFarm:
         self._latest: dict[str, FoundationPosterior] = {}
 
     def posteriors(self) -> list[FoundationPosterior]:
-        """Those that are there now. Raises FarmError where none comes in FIRST_PATIENCE."""
+        """Return the posteriors of now. Raises FarmError where none comes in FIRST_PATIENCE."""
         self._take_all(FIRST_PATIENCE)
         if not self._latest:
             raise FarmError(
@@ -67,7 +67,7 @@ class RunningFarm:
     def rounds(
         self, stopping: threading.Event, quiet: float = QUIET_STORE
     ) -> Iterator[list[FoundationPosterior]]:
-        """All latest posteriors, each time that new ones have come and, for `quiet` [s], no
+        """Yield all latest posteriors, each time that new ones have come and, for `quiet` [s], no
         further one; until `stopping` is set."""
         while not stopping.is_set():
             if self._take_all(0.2, quiet):

@@ -49,7 +49,7 @@ class MetricsNode(StateSink):
         self.parts: list[Callable[[], Families]] = []  # figures of other nodes of this process
 
     def collect(self) -> Iterator["Metric"]:
-        """Every figure known now: what the Prometheus client's registry asks for."""
+        """Yield every figure known now: what the Prometheus client's registry asks for."""
         with self._asked() as (run, now_ns):
             families = list(run_families(run, now_ns))
         yield from families

@@ -39,7 +39,7 @@ class StatusNode(StateSink):
         super().__init__(GAPS_TOLD, clock)
 
     def as_json(self) -> Json:
-        """Everything known now; names are stable."""
+        """Return everything known now; names are stable."""
         with self._asked() as (run, now_ns):
             about = {"api": API, "source": self._source, "connections": self.connections()}
             return about | status_figures(run, now_ns)
@@ -107,7 +107,7 @@ def _posterior(posterior: FoundationPosterior) -> Json:
 
 
 def endpoint_of(out: Path) -> str:
-    """Where the session that runs in this folder can be asked.
+    """Return where the session that runs in this folder can be asked.
 
     Raises InputError where none runs.
     """

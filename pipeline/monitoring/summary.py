@@ -163,14 +163,14 @@ def _figures(
 
 
 def _warnings(state: TurbineState, books: Json) -> list[Json]:
-    """Every warning once, then what the books raise an alarm of."""
+    """Return every warning once, then what the books raise an alarm of."""
     found = [(each.code, each.text) for each in state.warnings]
     found += [(e["kind"], e["text"]) for e in books["alarms"] if e["turbine"] == state.turbine]
     return [{"code": code, "text": text} for code, text in dict.fromkeys(found)]
 
 
 def _in_its_time(state: TurbineState, items: Sequence[_T], *, live: bool) -> list[_T]:
-    """Without what lies before the first block that was received of a live session.
+    """Leave out what lies before the first block that was received of a live session.
 
     A listener that joins a unit after months has not lost them.
     """

@@ -18,7 +18,7 @@ class SnapshotStore(Protocol):
     """Keeps what nodes must not forget."""
 
     def read(self, turbine: str) -> NodeSnapshot | None:
-        """The turbine's snapshot; None where there is none. Raises CheckpointError."""
+        """Return the turbine's snapshot; None where there is none. Raises CheckpointError."""
         ...
 
     def write(self, turbine: str, snapshot: NodeSnapshot) -> None:
@@ -123,7 +123,7 @@ class NodeByTurbine(Generic[N]):
 
     @property
     def statistics(self) -> NodeStatistics:
-        """Of all turbines."""
+        """Counts and warnings of all turbines."""
         counts = self._of_the_past
         for node in self.members.values():
             counts += node.statistics
@@ -159,7 +159,7 @@ class LimitedMembers:
 
 
 def too_many(limit: str, gone: int) -> QualityWarning:
-    """That members had to be let go, and how often."""
+    """Warn that members had to be let go, and how often."""
     return QualityWarning(
         "too-many-turbines", f"more than {limit}: {gone} times the least heard one was let go"
     )

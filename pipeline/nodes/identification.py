@@ -93,7 +93,7 @@ class TurbineIdentification:
         self._resumable: IdentificationState | None = None  # of an identification that has ended
 
     def handle(self, message: Message) -> Iterator[Message]:
-        """The answers to a block; other messages say what they mean."""
+        """Yield the answers to a block; other messages say what they mean."""
         for answer in map(self._in_context, self._answers_to(message)):
             yield answer
             if isinstance(answer, WindowAnswer):
@@ -102,7 +102,7 @@ class TurbineIdentification:
                 self.revision += 1
 
     def finish(self) -> Iterator[Message]:
-        """What the session still has to say."""
+        """Yield what the session still has to say."""
         if self._session is not None:
             yield from map(self._in_context, self._end_session())
 
@@ -202,7 +202,7 @@ class TurbineIdentification:
                 self._refuse_dropped(each)
 
     def _new_session(self, unit: AcquisitionUnit, first: UnitBlock) -> IdentifiedSession:
-        """The session that begins with a block, or goes on with it after a restart."""
+        """Return the session that begins with a block, or goes on with it after a restart."""
         session = self._session_for(first)
         resumable, self._resumable = self._resumable, None
         if resumable is not None and resumable.boots.get(first.block.unit) == unit.boot:
@@ -259,7 +259,7 @@ class TurbineIdentification:
         yield from self._finished(session)
 
     def _finished(self, session: IdentifiedSession) -> Iterator[Message]:
-        """What a session still has to say; its blocks stay counted."""
+        """Yield what a session still has to say; its blocks stay counted."""
         yield from session.finish()
         self._of_the_past += NodeStatistics(late=session.late, duplicate=session.duplicate)
 
@@ -357,7 +357,7 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
 
     @property
     def statistics(self) -> NodeStatistics:
-        """Of all turbines; what was refused is a warning too."""
+        """Counts and warnings of all turbines; what was refused is a warning too."""
         counts = super().statistics
         return counts + NodeStatistics(warnings=tuple(self._refusals(counts)))
 

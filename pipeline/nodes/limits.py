@@ -57,7 +57,7 @@ DEFAULT_LIMITS = LimitSettings()
 def window_refusal(
     block: AccelerationBlock, duration: float, limits: LimitSettings = DEFAULT_LIMITS
 ) -> QualityWarning | None:
-    """Why a window of such blocks cannot be identified; None where it can.
+    """Return why a window of such blocks cannot be identified; None where it can.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class WindowWork:
         self._spent += self._limit.clock() - started
 
     def refusal(self) -> QualityWarning | None:
-        """Why the window has no answer; the next one begins with nothing spent."""
+        """Return why the window has no answer; the next one begins with nothing spent."""
         exceeded, self.exceeded, self._spent = self.exceeded, False, 0.0
         if not exceeded or self._limit is None:
             return None

@@ -33,7 +33,7 @@ class NodeAccount:
         return self._received.total() - self._received[NodeStatus.__name__]
 
     def handle(self, message: Message, payload: bytes | None = None) -> Iterator[Message]:
-        """The node's answers to one message, in order, each as soon as the node gives it.
+        """Yield the node's answers to one message, in order, each as soon as the node gives it.
 
         payload   the bytes that it came in, where they are known
 
@@ -76,7 +76,7 @@ class NodeAccount:
         malformed: int = 0,
         refusal: str = "",
     ) -> NodeStatus:
-        """What the node would say of itself now.
+        """Return what the node would say of itself now.
 
         lost        blocks that its subscription knows to be lost
         recovered   blocks that came when their link was back

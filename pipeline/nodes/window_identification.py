@@ -172,7 +172,7 @@ class WindowIdentification:
             self._stretch = None
 
     def _answers(self, window: Window) -> Iterator[Message]:
-        """A rejection; or an estimate, and the diagram behind it."""
+        """Yield a rejection; or an estimate, and the diagram behind it."""
         missing = self._missing_units(window)
         refusal = self._refusal(window, missing)
         if refusal is not None:
@@ -298,7 +298,7 @@ class WindowIdentification:
         return tuple(warnings)
 
     def _refusal(self, window: Window, missing: dict[str, float]) -> QualityWarning | None:
-        """Why a window cannot be identified at all, before its samples are looked at."""
+        """Return why a window cannot be identified at all, before its samples are looked at."""
         if window.gaps and not window.samples.size:
             gap = max(window.gaps, key=lambda g: g.n_samples)
             others = f" ({len(window.gaps)} gaps in all)" if len(window.gaps) > 1 else ""
@@ -366,7 +366,7 @@ def _offset_warning(unit: str, reference: str, offset: UnitOffset) -> QualityWar
 
 
 def _status_warnings(status: BlockStatus) -> tuple[QualityWarning, ...]:
-    """What the unit itself reported of the window's blocks."""
+    """Return what the unit itself reported of the window's blocks."""
     warnings = []
     if status & BlockStatus.CLIPPED:
         warnings.append(

@@ -65,7 +65,7 @@ def structure_text(
 def _of_deck(
     path: Path, springs: FoundationSprings, subdyn: Path | None, mudline: float | None
 ) -> TurbineDescription:
-    """The turbine of another program's file."""
+    """Return the turbine of another program's file."""
     if subdyn is not None and path.suffix != DAT:
         raise InputError(f"--subdyn is for --structure NAME_ElastoDyn.dat, not for {path}")
     if mudline is not None and path.suffix == DAT:
@@ -80,7 +80,7 @@ def _of_deck(
 def layout_text(
     channels: Sequence[GuessedChannel], turbine: str, time: TimeColumn = UNSTATED
 ) -> str:
-    """The layout file of guessed channels, each with what it was read from."""
+    """Return the layout file of guessed channels, each with what it was read from."""
     lines = [
         "# Axes: x downwind (fore-aft), y to the side (side-side), z up from mean water level.",
         "# What was guessed stands beside each channel; correct it and run `pilewatch import`.",
@@ -102,7 +102,7 @@ def layout_text(
 
 
 def scenario_text(turbine: str, structure: str, duration: float) -> str:
-    """The scenario of a new project; a record shorter than a window is one window.
+    """Return the scenario of a new project; a record shorter than a window is one window.
 
     Parameters
     ----------

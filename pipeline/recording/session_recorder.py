@@ -68,7 +68,7 @@ def blocks_in(path: Path) -> int:
 
 
 def stated_blocks(path: Path) -> int:
-    """What a finished recording says of itself, else `blocks_in`: a year's parts take no time."""
+    """Return the blocks that a finished recording states; else `blocks_in`, which reads it."""
     try:
         counted = counted_in_summary(path, AccelerationBlock)
     except RecordingError:
@@ -130,7 +130,7 @@ class SessionRecorder:
 
     @property
     def path(self) -> Path:
-        """Of the part that is, or was last, written."""
+        """Path of the part that is, or was last, written."""
         return part_of(self._path, self._number)
 
     @property
@@ -206,7 +206,7 @@ class SessionRecorder:
         return self._repetition.is_known(key_of(message), self._bytes_of(message), kept=kept)
 
     def _bytes_of(self, message: Message) -> bytes:
-        """What it came in; encoded where that is not known."""
+        """Return what it came in; encoded where that is not known."""
         arrived, payload = self._arrived
         if arrived is message:
             return payload
@@ -263,7 +263,7 @@ class SessionRecorder:
             )
 
     def _stop(self, reason: str) -> None:
-        """Close the part with what the disk still takes, and say so from now on."""
+        """Close the part with what the disk still takes, and warn of it from now on."""
         assert self._recorder is not None
         self._acknowledgements.forget()
         recorder, self._recorder = self._recorder, None

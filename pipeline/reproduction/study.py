@@ -121,7 +121,7 @@ def n_peaks(posterior: ExamplePosterior) -> int:
 
 
 def found_counts(examples: Sequence[Example]) -> dict[str, int]:
-    """In how many seeds each of the eleven modes was found."""
+    """Return in how many seeds each of the eleven modes was found."""
     return {
         label: sum(np.isfinite(example.modes[row].frequency) for example in examples)
         for row, label in enumerate(LABELS)

@@ -218,7 +218,7 @@ def _sinks_beside(options: SessionOptions, stack: ExitStack) -> Iterator[Node]:
 def session_outputs(
     source: Source, options: SessionOptions, earlier: tuple[Path, ...] = (), *, epoch: int = 0
 ) -> Outputs:
-    """The files and viewers of a session. Raises ViewerError where rerun is missing.
+    """Return the files and viewers of a session. Raises ViewerError where rerun is missing.
 
     earlier   recordings in which nodes find what they have not answered yet
     epoch     number of the run, by its folder's lock
@@ -244,7 +244,7 @@ def session_outputs(
 
 
 def _here(graph: tuple[Plan, ...], source: Source, elsewhere: Sequence[str]) -> tuple[Plan, ...]:
-    """The graph without the nodes that other machines run."""
+    """Return the graph without the nodes that other machines run."""
     names = [plan.name for plan in graph]
     for name in elsewhere:
         if name not in names:
@@ -257,7 +257,7 @@ def _here(graph: tuple[Plan, ...], source: Source, elsewhere: Sequence[str]) -> 
 def _messages(
     source: Source, control: ReplayControl, stopping: threading.Event | None
 ) -> Iterator[Message] | None:
-    """What the session publishes itself; None where the instruments do."""
+    """Return what the session publishes itself; None where the instruments do."""
     if source.feed is not None:
         return FeedAccount(source.feed, source.layout).messages(stopping or threading.Event())
     return None if source.is_live else control.messages()

@@ -109,7 +109,7 @@ def run_workers(
 
 
 def _kept_for_others(workers: Sequence[Worker]) -> list[float]:
-    """Of the time in which all stop, what each leaves to those behind it [s].
+    """Return how much of the time in which all stop each leaves to those behind it [s].
 
     They stop in the order of the flow: the recorder sees the others stop.
     """

@@ -159,7 +159,7 @@ class SourceFeed:
 
 
 def source_status(turbine: str, published: Counter[str]) -> NodeStatus:
-    """The source's last word: what it published in all."""
+    """Return the source's last word: what it published in all."""
     return NodeStatus(
         turbine=turbine,
         node=SOURCE,
@@ -171,7 +171,7 @@ def source_status(turbine: str, published: Counter[str]) -> NodeStatus:
 
 
 def with_end(source: Iterable[Message]) -> Iterator[Message]:
-    """The source's messages, then one StreamEnd per unit and session, of its last boot."""
+    """Yield the source's messages, then one StreamEnd per unit and session, of its last boot."""
     last: dict[tuple[str, str, str], AccelerationBlock] = {}
     numbers: dict[tuple[str, str, str, int], Intervals] = {}  # of each boot's blocks
     boots: dict[tuple[str, str, str], BootCounter] = {}

@@ -39,7 +39,7 @@ class BackOff:
     proven: float = 60.0  # a node that ran so long counts from zero again [s]
 
     def delay(self, failures: int) -> float:
-        """Before the start that follows this many failures in a row [s]."""
+        """Return the wait before the start that follows so many failures in a row [s]."""
         return min(self.longest, self.first * 2.0 ** (failures - 1))
 
 
@@ -79,7 +79,7 @@ class SupervisedProcess:
 
     @property
     def pid(self) -> int | None:
-        """Of the process that runs; None while there is none."""
+        """Id of the process that runs; None while there is none."""
         return None if self._process is None else self._process.pid
 
     def start(self) -> None:

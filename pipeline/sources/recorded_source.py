@@ -76,7 +76,7 @@ class RecordedSource:
 
     @property
     def turbines(self) -> tuple[str, ...]:
-        """Those in the recording, in its order."""
+        """Turbines in the recording, in its order."""
         return tuple(self.layouts)
 
     def messages(
@@ -133,6 +133,6 @@ def _duration(infos: Sequence[RecordingInfo]) -> float:
 
 
 def _units_of(layouts: Sequence[SensorLayout], turbine: str) -> list[SensorLayout]:
-    """The newest layout of each of the turbine's units, in their order."""
+    """Return the newest layout of each of the turbine's units, in their order."""
     newest = {layout.unit: layout for layout in layouts if layout.turbine == turbine}
     return [newest[unit] for unit in sorted(newest)]

@@ -48,7 +48,7 @@ class Playback:
             raise InputError(f"--loop {self.rounds} plays nothing; at least 1 is needed")
 
     def duration(self, whole: float) -> float:
-        """Of what is played of a recording of that length, all rounds [s]."""
+        """Return how long is played of a recording of that length, all rounds [s]."""
         return max(0.0, min(self.end, whole) - self.start) * self.rounds
 
     def of(self, stream: Callable[[], Iterable[SensorMessage]]) -> Iterator[SensorMessage]:
@@ -69,7 +69,7 @@ class Playback:
             shift_ns += last_ns - first_ns
 
     def _part(self, messages: Iterable[SensorMessage]) -> Iterator[SensorMessage]:
-        """What lies in the range, the blocks of each session counted from its first there."""
+        """Yield what lies in the range, the blocks of each session counted from its first there."""
         origin_ns: int | None = None
         newest: dict[tuple[str, str], int] = {}  # turbine, unit → start of its latest block [ns]
         firsts: dict[tuple[str, str, str], AccelerationBlock] = {}

@@ -87,7 +87,7 @@ class Source:
 
     @property
     def turbines(self) -> tuple[str, ...]:
-        """Those that are known beforehand, in their order: a recording's, or the scenario's."""
+        """Turbines that are known beforehand, in order: a recording's, or the scenario's."""
         return tuple(self.layouts) or tuple(m.turbine.id for m in farm_members(self.scenario))
 
     @property
@@ -174,7 +174,7 @@ class Source:
 
 
 def _begin(message: Message) -> int:
-    """Where a message stands among those of other turbines [ns]."""
+    """Return where a message stands among those of other turbines [ns]."""
     match message:
         case AccelerationBlock():
             return message.start_ns

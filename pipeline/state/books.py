@@ -93,7 +93,7 @@ class BlockBook:
                 yield first, end, there
 
     def violations(self) -> Iterator[str]:
-        """Where the book does not balance, in words; but for what is reported and arrived."""
+        """Yield in words where the book does not balance, except blocks reported that arrived."""
         missing = self.missing
         for first, end in missing - self.reported:
             if self.published is None and end > self.recorded.end - REPORTED_WITHIN:
@@ -113,7 +113,7 @@ class BlockBook:
             yield f"{len(self.recorded)} blocks are recorded and {self.published} were published"
 
     def as_json(self) -> Json:
-        """The book in figures; names are stable."""
+        """Return the book in figures; names are stable."""
         return {
             "published": self.published,
             "recorded": len(self.recorded),
@@ -242,7 +242,7 @@ class Books:
             book.unbalanced = 0 if balanced else book.unbalanced + 1
 
     def violations(self, only: str | None = None) -> list[str]:
-        """Where the books do not balance, in words; none: they do. only: of that turbine."""
+        """Return where the books do not balance, in words; none: they do. only: of that turbine."""
         if only is not None:
             return [*self._violations_of(only)]
         turbines = dict.fromkeys([*(key[0] for key in self._blocks), *self._turbines])
@@ -288,7 +288,7 @@ class Books:
         return refused + max(0, total(self._late.items()) - seen_late)
 
     def alarms(self, without_posterior: int = WITHOUT_POSTERIOR) -> list[BooksAlarm]:
-        """What a person must look into now.
+        """Return what a person must look into now.
 
         Parameters
         ----------
@@ -308,7 +308,7 @@ class Books:
         return found
 
     def as_json(self, only: str | None = None) -> Json:
-        """The books in figures; names are stable. only: of that turbine."""
+        """Return the books in figures; names are stable. only: of that turbine."""
         violations, pauses = self.violations(only), pauses_before(self._blocks)
         names = ("turbine", "unit", "session", "boot")
         return {

@@ -40,7 +40,7 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
 
 
 def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -> Json:
-    """One stiffness in its unit and as ratios to nominal. truth: in the same unit."""
+    """Return one stiffness in its unit and as ratios to nominal. truth: in the same unit."""
     median, low, high = ratios(parameter)
     return {
         **fields_of(parameter, "unit", *MEDIAN_AND_INTERVAL),
@@ -52,12 +52,12 @@ def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -
 
 
 def figure_summary(figure: ParameterSummary) -> Json:
-    """A figure of the structure: as a factor to the described one, scour in metres."""
+    """Return a figure of the structure: as a factor to the described one, scour in metres."""
     return fields_of(figure, "unit", *MEDIAN_AND_INTERVAL, "contraction")
 
 
 def empty_summary() -> Json:
-    """The same entry where no window gave a posterior: every value None."""
+    """Return the same entry where no window gave a posterior: every value None."""
     nothing = (
         *MEDIAN_AND_INTERVAL,
         *(f"ratio_{each}" for each in MEDIAN_AND_INTERVAL),

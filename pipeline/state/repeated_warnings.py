@@ -37,7 +37,7 @@ class DistinctWarnings:
 
 
 def without_repeats(warnings: Iterable[QualityWarning]) -> list[QualityWarning]:
-    """Each warning once: see `DistinctWarnings`.
+    """Return each warning once: see `DistinctWarnings`.
 
     Parameters
     ----------

@@ -110,7 +110,7 @@ class Rows:
         file.seek(0, os.SEEK_END)
 
     def lines(self, file: BinaryIO) -> Iterator[bytes]:
-        """The rows that have been finished since."""
+        """Yield the rows that have been finished since."""
         while chunk := file.read(READ_AT_ONCE):
             *lines, self._part = (self._part + chunk).split(b"\n")
             for line in lines:
@@ -123,7 +123,7 @@ class Rows:
                 self._part, self._overlong = b"", True
 
     def samples(self, line: bytes) -> list[ScadaSample]:
-        """What a row reports; nothing of a header, and of what is counted instead."""
+        """Return what a row reports; nothing of a header, and of what is counted instead."""
         if self._is_header(line):
             self._take_header(line)
             return []

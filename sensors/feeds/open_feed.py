@@ -34,7 +34,7 @@ def open_feed(
     once: bool = False,
     state: Path | None = None,
 ) -> LiveFeed:
-    """The feed that a URL names; nothing is connected before it is read.
+    """Return the feed that a URL names; nothing is connected before it is read.
 
     layout    of its channels
     turbine   that it belongs to; None: the layout's
@@ -121,7 +121,7 @@ class MessageCapture:
 
 
 def listed_variables(text: str) -> list[SeenVariable]:
-    """What an OPC UA server has.
+    """Return what an OPC UA server has.
 
     Raises
     ------

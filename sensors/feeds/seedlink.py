@@ -168,7 +168,7 @@ class Station:
 
     @property
     def key(self) -> str:
-        """As in the address."""
+        """The station as the address names it."""
         return f"{self.network}.{self.station}"
 
     def matches(self, network: str, station: str) -> bool:
@@ -176,7 +176,7 @@ class Station:
         return network == self.network and fnmatchcase(station, self.station)
 
     def commands(self, version: int) -> list[str]:
-        """What asks for it, before DATA."""
+        """Return what asks for it, before DATA."""
         if version == 3:
             return [
                 f"STATION {self.station} {self.network}",
@@ -189,7 +189,7 @@ class Station:
 
 
 def stations_of(address: FeedAddress) -> list[Station]:
-    """The stations that an address names. Raises FeedError for what is none."""
+    """Return the stations that an address names. Raises FeedError for what is none."""
     stations: dict[tuple[str, str], Station] = {}
     for written in address.path.split(","):
         found = _STATION.fullmatch(written)
@@ -268,7 +268,7 @@ class SeedLinkFeed:
         writer.write(b"END\r\n")
 
     def _from(self, station: Station) -> str:
-        """The sequence behind the last packet, as the protocol writes it."""
+        """Return the sequence behind the last packet, as the protocol writes it."""
         if station.sequence is None:
             return ""
         if self._version == 4:
@@ -311,7 +311,7 @@ class SeedLinkFeed:
                 yield found.sequence, found.record
 
     def pieces_of(self, sequence: int, record: bytes) -> Iterator[ChannelSamples]:
-        """The samples in a packet; one that has none is counted."""
+        """Yield the samples in a packet; one that has none is counted."""
         self.counts.received += 1
         if not _HEADER.match(record):
             self.counts.refuse(f"packet {sequence:06X} is no miniSEED: {record[:20]!r}")
@@ -333,7 +333,7 @@ class SeedLinkFeed:
             yield ChannelSamples(name, (name,), samples, start_ns, rate)
 
     def _note(self, network: str, name: str, sequence: int, end_ns: int) -> None:
-        """From here the station goes on when the link is cut, or later when the feed is killed."""
+        """Note where the station goes on when the link is cut or the feed is killed."""
         for station in self._stations:
             if station.matches(network, name):
                 station.sequence = sequence
@@ -341,7 +341,7 @@ class SeedLinkFeed:
 
 
 def _reason(error: OSError) -> str:
-    """In few words: asyncio puts the address where the system's words belong."""
+    """Return why a link failed in the system's words, which asyncio mixes with the address."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"the certificate is refused: {error.verify_message}"
     if isinstance(error, ssl.SSLError):
@@ -386,7 +386,7 @@ async def _line(reader: asyncio.StreamReader) -> bytes:
 
 
 def _tls_context(address: FeedAddress) -> ssl.SSLContext | None:
-    """None without TLS. Raises FeedError if the authority's file cannot be read."""
+    """Return the TLS context; None without TLS. Raises FeedError for an unreadable file."""
     if not address.tls:
         return None
     try:

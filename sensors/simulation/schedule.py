@@ -204,7 +204,7 @@ class Schedule:
         )
 
     def level(self, time: float) -> float:
-        """Of the water above the mean [m]."""
+        """Return the water level above the mean [m]."""
         return self.mean_level + self.tide.amplitude * self.tide.phase(time)
 
     def stiffness_factors(self, time: float, motion: float = 0.0) -> FloatArray:

@@ -207,7 +207,7 @@ class SimulatedTower:
                 motion = self._structure.mudline_motion(response)
 
     def _forces(self, chunk: int, n_chunks: int | None) -> Iterator[FloatArray]:
-        """Of all loads, (chunk, n_series) each; every load is made in a thread of its own."""
+        """Yield the forces of all loads, (chunk, n_series) each; a thread makes each load."""
         with ExitStack() as threads:
             series = []
             for load in self._loads:

@@ -65,7 +65,7 @@ class Day:
 
 
 def days_of(calls: Iterable[IdentificationCall], gaps: Iterable[StreamGap]) -> tuple[Day, ...]:
-    """Every day on which a task or a gap of one turbine begins; both in order of time."""
+    """Return every day on which a task or a gap of one turbine begins; both in order of time."""
     calls_of: dict[str, list[IdentificationCall]] = defaultdict(list)
     gaps_of: dict[str, list[StreamGap]] = defaultdict(list)
     for call in calls:
@@ -115,12 +115,12 @@ class TurbineHistory:
 
     @property
     def n_tasks(self) -> int:
-        """Of identification, in all."""
+        """Number of identification tasks in all."""
         return sum(len(day.calls) for day in self._days)
 
     @property
     def n_days(self) -> int:
-        """In all."""
+        """Number of days in all."""
         return len(self._days)
 
     @property
@@ -153,7 +153,7 @@ class TurbineHistory:
         return self._keys[number - 1] if number else self._plan.key
 
     def _written_key(self, number: int, day: Day) -> str | None:
-        """The day's fingerprint if the files have it; None if they do not."""
+        """Return the day's fingerprint if the files have it; None if they do not."""
         written = self._written.get(day.date)
         if written is None:
             return None
@@ -163,7 +163,7 @@ class TurbineHistory:
         return written if self._key(number, day) == written else None
 
     def _key(self, number: int, day: Day) -> str:
-        """The day's fingerprint by the tasks that have given their windows."""
+        """Return the day's fingerprint by the tasks that have given their windows."""
         done = [self._finished.get(call.key) is not None for call in day.calls]
         return day.key(self._before(number), done)
 
@@ -290,17 +290,17 @@ class TurbineHistory:
 
 
 def _pass_key(day: str) -> str:
-    """Of the pass over a day, by the day's fingerprint."""
+    """Return the key of the pass over a day, by the day's fingerprint."""
     return key_of_result("pass", day)
 
 
 def state_key(day: str) -> str:
-    """Of the state after a day, by the day's fingerprint."""
+    """Return the key of the state after a day, by the day's fingerprint."""
     return key_of_result("state", day)
 
 
 def history_plan(turbine: TurbineArchive) -> HistoryPlan:
-    """Of one turbine's archive."""
+    """Return the plan of one turbine's archive."""
     updating, oma = turbine.updating, turbine.scenario.oma
     key = key_of_result(
         "history",

@@ -62,10 +62,8 @@ def figures_tables(posterior: Json) -> list[Table]:
     """Return the table of the structure's figures; none where they are taken as known."""
     if not posterior["figures"]:
         return []
-    table = table_of("Figures of the structure and its sensors")
-    table.add_column("", justify="right", no_wrap=True)
-    for title in ("median", "90 % interval", "unit"):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("", "median", "90 % interval", "unit")
+    table = table_of("Figures of the structure and its sensors", figures=headings, no_wrap=True)
     for name, each in posterior["figures"].items():
         median, low, high = (format_value(each[key], ".3g") for key in ("median", "p05", "p95"))
         table.add_row(escape(figure_name(name)), median, f"{low} to {high}", escape(each["unit"]))
@@ -74,9 +72,8 @@ def figures_tables(posterior: Json) -> list[Table]:
 
 def posteriors_table(posteriors: Sequence[Json]) -> Table:
     """Return the springs of many turbines: median and half the 90 % interval ÷ nominal."""
-    table = table_of("Foundation posteriors, ÷ nominal")
-    for title in ("turbine", "windows", "k11", "k22", "k12", "change", ""):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("turbine", "windows", "k11", "k22", "k12", "change", "")
+    table = table_of("Foundation posteriors, ÷ nominal", figures=headings, no_wrap=True)
     for each in posteriors:
         springs = [_plus_minus(each[name]) for name in ("k11", "k22", "k12")]
         table.add_row(
@@ -97,9 +94,9 @@ def _plus_minus(spring: Json) -> str:
 
 def farm_table(farm: Farm) -> Table:
     """Return every turbine's pooled springs and its probability of being an outlier."""
-    table = table_of(f"Springs ÷ nominal, {count_noun(len(farm.turbines), 'turbine')} pooled")
-    for title in ("turbine", "windows", "k11", "k22", "k12", "outlier"):
-        table.add_column(title, justify="right", no_wrap=True)
+    title = f"Springs ÷ nominal, {count_noun(len(farm.turbines), 'turbine')} pooled"
+    headings = ("turbine", "windows", "k11", "k22", "k12", "outlier")
+    table = table_of(title, figures=headings, no_wrap=True)
     for each in farm.turbines:
         springs = [
             f"{median:.3f} ± {50 * (high - low):.1f}"
@@ -121,9 +118,8 @@ def farm_table(farm: Farm) -> Table:
 
 def misfit_table(posterior: FoundationPosterior) -> Table:
     """Return the misfit and information of each paired mode."""
-    table = table_of("Misfit mode by mode")
-    for title in ("mode", "f [Hz]", "model [Hz]", "apart [%]", "misfit", "MAC", "information"):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("mode", "f [Hz]", "model [Hz]", "apart [%]", "misfit", "MAC", "information")
+    table = table_of("Misfit mode by mode", figures=headings, no_wrap=True)
     for pair in sorted(posterior.pairs, key=lambda pair: pair.frequency):
         apart = 100 * (pair.frequency / pair.model_frequency - 1)
         table.add_row(
@@ -151,10 +147,9 @@ SENSOR_UNITS = {"gain": "-", "heading": "deg", "height": "m"}
 def calibration_table(found: "TurbineCalibration") -> Table:
     """Return every figure: its prior, what the measurements make of it, what they added."""
     best = found.best
-    table = table_of(f"Figures of the structure, {best.name}")
-    table.add_column("figure", no_wrap=True)
-    for title in ("unit", "prior ±", "median", "±", "÷ prior"):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("unit", "prior ±", "median", "±", "÷ prior")
+    title = f"Figures of the structure, {best.name}"
+    table = table_of(title, "figure", figures=headings, no_wrap=True)
     medians, halves = best.departures
     left = np.sqrt(np.diag(best.covariance))
     rows = zip(best.names, found.calibration.stds, medians, halves, left, strict=True)

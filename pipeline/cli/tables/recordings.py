@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from rich.markup import escape
 from rich.table import Table
 
 from pipeline.cli.tables.cells import table_of
@@ -13,14 +12,12 @@ from sensors.json_values import Json, fields_of
 
 def recording_tables(info: RecordingInfo) -> list[Table]:
     """Return channels, units with their gaps, and nodes of a recording."""
-    channels = table_of(f"{info.path} · {info.size / 1e6:.2f} MB · {info.duration:.1f} s")
-    for title in ("key", "message", "count"):
-        channels.add_column(title, justify="right" if title == "count" else "left")
+    title = f"{info.path} · {info.size / 1e6:.2f} MB · {info.duration:.1f} s"
+    channels = table_of(title, "key", "message", figures=("count",))
     for channel in info.channels:
         channels.add_row(channel.key, channel.message, str(channel.count))
-    units = table_of("Acquisition units")
-    for title in ("unit", "session", "rate [Hz]", "channels", "blocks", "duration [s]", "gaps"):
-        units.add_column(escape(title), justify="right")
+    headings = ("unit", "session", "rate [Hz]", "channels", "blocks", "duration [s]", "gaps")
+    units = table_of("Acquisition units", figures=headings)
     for unit in info.units:
         missing = sum((gap.end_ns - gap.start_ns) * 1e-9 for gap in unit.gaps)
         units.add_row(
@@ -32,16 +29,16 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
             f"{unit.duration:.1f}",
             f"{len(unit.gaps)} ({missing:.1f} s)" if unit.gaps else "none",
         )
-    nodes = table_of("Last status of the nodes")
-    accounts = ("recovered", "lost", "late", "duplicate")
-    for title in ("node", "state", "last block", *accounts, "busy [s]"):
-        nodes.add_column(escape(title), justify="right")
+    counts = ("recovered", "lost", "late", "duplicate")
+    nodes = table_of(
+        "Last status of the nodes", figures=("node", "state", "last block", *counts, "busy [s]")
+    )
     for status in info.health:
         nodes.add_row(
             status.node,
             status.state,
             str(status.last_sequence) if status.last_sequence >= 0 else "",
-            *(str(getattr(status, name)) for name in accounts),
+            *(str(getattr(status, name)) for name in counts),
             f"{status.busy_s:.2f}",
         )
     return [channels, units] + ([nodes] if info.health else [])

@@ -126,7 +126,7 @@ class AlarmNode(Sink):
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """For the node's status: which channels do not deliver, and what was dropped."""
+        """Channels that do not deliver, and what was dropped."""
         problems = [
             *((each.name, each.problem) for each in self._deliveries),
             *((each.name, each.problem) for each in self._heartbeats),
@@ -180,7 +180,7 @@ class AlarmNode(Sink):
             yield AlarmCondition(key, "delivery", WHOLE_SESSION, text, over=not text, counted=False)
 
     def _undelivered(self, state: DeliveryState) -> str:
-        """The sentence on a channel whose messages wait for too long; "" if they do not."""
+        """Return the sentence on a channel whose messages wait for too long; "" if they do not."""
         if state.age < self._settings.undelivered:
             return ""
         return f"{state.waiting} alarm messages wait for {state.channel}: {state.problem}"
@@ -206,7 +206,7 @@ class AlarmNode(Sink):
 
 
 def notices_in(path: Path) -> tuple[Alarm, ...]:
-    """The alarms of a log's file; none if there is no file.
+    """Return the alarms of a log's file; none if there is no file.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def notices_in(path: Path) -> tuple[Alarm, ...]:
 
 
 def listed(log: AlarmLog, unknown: Sequence[int] = ()) -> dict[str, Any]:
-    """An alarm log as it is answered; names are stable."""
+    """Return an alarm log as it is answered; names are stable."""
     return {"notices": [asdict(each) for each in log.notices], "unknown": list(unknown)}
 
 

@@ -84,7 +84,7 @@ class AlarmRules:
         self._books_keys: dict[str, str] = {}  # of alarms of the books that last: key → turbine
 
     def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
-        """The conditions that one message starts or ends."""
+        """Yield the conditions that one message starts or ends."""
         self._run.fold(message, now_ns)
         found: Iterable[AlarmCondition] = ()
         match message:
@@ -184,7 +184,7 @@ class AlarmRules:
 
 
 def _link(feed: NodeStatus | None) -> str:
-    """Why a feed is silent, in its own words; "" where it gives no reason."""
+    """Return why a feed is silent, in its own words; "" where it gives no reason."""
     warnings = () if feed is None else feed.warnings
     return "; ".join(each.text for each in warnings if each.code in LINK)
 
@@ -217,7 +217,7 @@ def moment_text(time_ns: int) -> str:
 
 
 def _duration_text(seconds: float) -> str:
-    """A duration in words."""
+    """Return a duration in words."""
     for unit, length in (("days", 86_400), ("hours", 3600), ("minutes", 60)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"

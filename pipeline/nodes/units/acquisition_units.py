@@ -85,7 +85,7 @@ class AcquisitionUnit:
             del self.ends[oldest]
 
     def mark_before(self, needed: int) -> BlockMark | None:
-        """The block that holds a sample, or the last one before it."""
+        """Return the block that holds a sample, or the last one before it."""
         before = [mark for mark in self.marks if mark.first_sample <= needed]
         if not before:
             return self.marks[0] if self.marks else None
@@ -111,7 +111,7 @@ class AcquisitionUnits:
         self._of_the_past = NodeStatistics()  # of units that are gone
 
     def named(self, name: str) -> AcquisitionUnit:
-        """The unit that a message came from; made with its first one."""
+        """Return the unit that a message came from; made with its first one."""
         leaving = self._names.note(name)
         if leaving is not None and leaving in self.by_name:
             self._let_go(leaving)
@@ -144,7 +144,7 @@ class AcquisitionUnits:
     # ---- what they mean for a window ------------------------------------------------------------
 
     def still_channel(self, estimate: ModalEstimate) -> str | None:
-        """Which channel of the estimate kept one value for a while, in words."""
+        """Return in words which channel of the estimate kept one value for a while."""
         for name, unit, first, end in self._spans(estimate):
             still = unit.monitor.still_channel(first, end)
             if still is None:
@@ -158,7 +158,7 @@ class AcquisitionUnits:
         return None
 
     def conflict(self, estimate: ModalEstimate) -> str | None:
-        """That blocks of the window came with two contents, in words."""
+        """Return in words that blocks of the window came with two contents; None where none did."""
         for name, unit, first, end in self._spans(estimate):
             count = sum(first <= sample < end for sample in unit.admission.conflicts)
             if count:
@@ -199,7 +199,7 @@ class AcquisitionUnits:
 
     @property
     def last_refusal(self) -> str:
-        """Of one of the blocks that were refused: whose it was and what was wrong; "" of none."""
+        """Unit of one of the refused blocks and what was wrong with it; "" without one."""
         for name, unit in reversed(self.by_name.items()):
             if unit.admission.refused:
                 return f"unit {name}: {unit.admission.last_refusal}"

@@ -131,7 +131,7 @@ class BlockAdmission:
         self.last_refusal = refusal.text
 
     def state(self) -> dict[str, Any]:
-        """What a restart needs, as JSON can say it."""
+        """Return what a restart needs, as JSON can say it."""
         return {
             "boot": self.boot,
             "boots": self._boots,
@@ -193,7 +193,7 @@ class BlockAdmission:
         return Admission((block,))
 
     def _content_refusal(self, block: AccelerationBlock) -> QualityWarning | None:
-        """Of a block whose number came with other samples, or whose samples with another number."""
+        """Refuse a block whose number came with other samples, or the other way round."""
         content = hash(block.samples.tobytes())
         known = self._contents.get(block.first_sample)
         if known is not None:
@@ -231,7 +231,7 @@ class BlockAdmission:
         return RETURNING if of_the_past and held[0].sequence > 0 else STUBBORN
 
     def _boot_over(self, block: AccelerationBlock) -> BootKey | None:
-        """Which boot before this one a block follows, by number and by stamp."""
+        """Return which boot before this one a block follows, by number and by stamp."""
         following = [
             (abs(since - clock), key)
             for key, mark in self._over.items()
@@ -242,7 +242,7 @@ class BlockAdmission:
         return min(following)[1] if following else None
 
     def _let_in(self, session: str) -> tuple[AccelerationBlock, ...]:
-        """The blocks of a session that are held; those of others are refused."""
+        """Return the blocks of a session that are held; those of others are refused."""
         found = sorted(self._held.pop(session, ()), key=lambda block: block.first_sample)
         self._drop_held()
         return (*self._taken_back(session, found), *found)
@@ -357,7 +357,7 @@ class BlockAdmission:
 
 
 def refusal_of(last: BlockMark, block: AccelerationBlock) -> QualityWarning | None:
-    """Why one boot of one unit cannot have sent both; None where it may.
+    """Return why one boot of one unit cannot have sent both; None where it may.
 
     A block that follows without a gap may have any stamp: clocks are set.
     """

@@ -36,7 +36,7 @@ class IdentificationState:
     def of(
         cls, units: AcquisitionUnits, session: IdentifiedSession | None
     ) -> "IdentificationState":
-        """What a running identification must not forget."""
+        """Return what a running identification must not forget."""
         needed = {} if session is None else session.needed()
         known = units.by_name  # a unit of the session may have been let go
         marks = {n: known[n].mark_before(first) for n, first in needed.items() if n in known}
@@ -49,7 +49,7 @@ class IdentificationState:
         )
 
     def encoded(self) -> bytes:
-        """As a snapshot holds it."""
+        """Return the bytes that a snapshot holds."""
         state = {
             "units": self.admissions,
             "boots": {name: [boot.session, boot.number] for name, boot in self.boots.items()},
@@ -61,7 +61,7 @@ class IdentificationState:
 
     @classmethod
     def decoded(cls, encoded: bytes) -> "IdentificationState":
-        """What `encoded` gave."""
+        """Return what `encoded` gave."""
         state = json.loads(encoded)
         return cls(
             state["units"],
@@ -82,7 +82,7 @@ class IdentificationState:
 
 
 def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Iterator[Message]:
-    """What was recorded since the blocks with these marks, they included, in its order.
+    """Yield what was recorded since the blocks with these marks, they included, in its order.
 
     Parameters
     ----------

@@ -63,11 +63,11 @@ class UnitSession:
         return (item.block.unit, item.boot) == (self._unit, self._boot)
 
     def refusal(self, _: AccelerationBlock) -> QualityWarning | None:
-        """Why what runs cannot go on with a block; with its only unit's it can."""
+        """Return why what runs cannot go on with a block; with its only unit's it can."""
         return None
 
     def layout_mismatch(self, _: AccelerationBlock) -> QualityWarning | None:
-        """Why a block is of no use, however many like it come; the only unit's never is."""
+        """Return why a block is of no use, however many like it come; the only unit's never is."""
         return None
 
     def push(self, item: UnitBlock) -> Iterator[Message]:
@@ -92,7 +92,7 @@ class UnitSession:
         return {self._unit: self._origin + round(self.windows.next_index * hop)}
 
     def state(self) -> dict[str, Any]:
-        """What a restart needs beside the samples, as JSON can say it."""
+        """Return what a restart needs beside the samples, as JSON can say it."""
         return {"window": self.windows.next_index, "origin": self._origin}
 
     def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
@@ -165,14 +165,14 @@ class JoinedSession:
         return item.block.unit in self._joiner.units
 
     def refusal(self, block: AccelerationBlock) -> QualityWarning | None:
-        """Why a unit's block cannot be joined with the others'; None where it can."""
+        """Return why a unit's block cannot be joined with the others'; None where it can."""
         if block.unit not in self._joiner.units:
             return None
         text = self._joiner.refusal(block)
         return QualityWarning(UNITS, text) if text else None
 
     def layout_mismatch(self, block: AccelerationBlock) -> QualityWarning | None:
-        """Why a block is of no use, however many like it come; None where it is of some."""
+        """Return why a block is of no use, however many like it come; None where it is of some."""
         named, own = len(self._joiner.columns(block.unit)), block.samples.shape[1]
         if own == named:
             return None
@@ -249,7 +249,7 @@ class JoinedSession:
         return {unit for unit in self._out if not self._joiner.has(unit, since)}
 
     def state(self) -> dict[str, Any]:
-        """What a restart needs beside the samples, as JSON can say it."""
+        """Return what a restart needs beside the samples, as JSON can say it."""
         grid = self._joiner.grid
         return {
             "window": self.windows.next_index,
@@ -302,7 +302,7 @@ class JoinedSession:
         return True
 
     def _restarted(self, item: UnitBlock) -> Iterator[Message]:
-        """What still waits of the unit's boot before this block's."""
+        """Yield what still waits of the unit's boot before this block's."""
         block = item.block
         order = self._orders.get(block.unit)
         known = self._boots.get(block.unit)
@@ -337,7 +337,7 @@ class JoinedSession:
             yield from self.windows.push(joined)
 
     def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
-        """Of the units that are there when the window begins."""
+        """Return the origins of the units that are there when the window begins."""
         beginnings = self._joiner.origins(window.first_sample)
         return tuple(
             UnitOrigin(unit, self._boots[unit].session, self._boots[unit].number, sample)

@@ -171,7 +171,7 @@ class ChannelRecord:
         return frequencies, self._densities / self.n_segments
 
     def statistics(self) -> tuple[ChannelStatistics, ...]:
-        """Of each channel, in order."""
+        """Statistics of each channel, in order."""
         with np.errstate(invalid="ignore", divide="ignore"):
             means = self._sums / self._finite
             deviations = np.sqrt(np.maximum(self._squares / self._finite - means**2, 0.0))

@@ -109,7 +109,7 @@ def _at_top(response: FloatArray, height: float) -> float:
 
 
 def _axis(response: FloatArray, height: float, scale: float) -> FloatArray:
-    """From the mudline to the top."""
+    """Return the axis from the mudline to the top."""
     return np.array([[scale * response[0], 0.0], [scale * _at_top(response, height), -TALL]])
 
 

@@ -94,7 +94,7 @@ class Assembler:
             yield from self._placing.finish()
 
     def _usable(self, piece: ChannelSamples) -> ChannelSamples | None:
-        """What a piece has of the layout's channels; None where that is nothing."""
+        """Return what a piece has of the layout's channels; None where that is nothing."""
         for name in piece.names:
             if not self._columns.has(name):
                 self._counts.miss(name)

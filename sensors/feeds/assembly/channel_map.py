@@ -31,7 +31,7 @@ class LayoutColumns:
         return name in self._numbers
 
     def listed(self, piece: ChannelSamples) -> ChannelSamples:
-        """The piece with its listed channels alone."""
+        """Return the piece with its listed channels alone."""
         keep = [i for i, name in enumerate(piece.names) if name in self._numbers]
         if len(keep) == len(piece.names):
             return piece
@@ -39,7 +39,7 @@ class LayoutColumns:
         return replace(piece, names=names, samples=piece.samples[:, keep])
 
     def refusal(self, piece: ChannelSamples) -> str:
-        """Why the piece's unit is none for its channels; "" where it is."""
+        """Return why the piece's unit is none for its channels; "" where it is."""
         for name in piece.names:
             if self._channels[name].unit is None and factor_to(piece.unit) is None:
                 return (
@@ -59,7 +59,7 @@ class LayoutColumns:
 
 
 def sensor_layout(layout: FeedLayout) -> SensorLayout:
-    """The layout that is published: every channel in its standard unit."""
+    """Return the layout that is published: every channel in its standard unit."""
     return SensorLayout(
         layout.layout_id,
         turbine=layout.turbine,
@@ -82,7 +82,7 @@ def _accelerometer(channel: MappedChannel) -> Accelerometer:
 
 
 def factor_of(channel: MappedChannel, stated: str) -> float:
-    """What a sample is multiplied by to be in the channel's standard unit.
+    """Return what a sample is multiplied by to be in the channel's standard unit.
 
     stated   unit of the samples by the message's own words; the layout's unit takes precedence
     """
@@ -91,6 +91,6 @@ def factor_of(channel: MappedChannel, stated: str) -> float:
 
 
 def factor_to(stated: str) -> float | None:
-    """What turns a unit into m/s²; None for one that is of no acceleration."""
+    """Return what turns a unit into m/s²; None for one that is of no acceleration."""
     unit, factor = in_standard_unit(stated or UNSAID)
     return factor if unit == UNSAID else None

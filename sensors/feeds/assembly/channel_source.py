@@ -50,7 +50,7 @@ class ChannelSources:
         self._owners: dict[str, _Owner] = {}  # by channel that the layout lists
 
     def refusal(self, piece: ChannelSamples) -> str:
-        """Why a piece of listed channels is not to be taken; "" where it is."""
+        """Return why a piece of listed channels is not to be taken; "" where it is."""
         reason = ""
         for name in piece.names:
             owner = self._owners.setdefault(name, _Owner(piece.stream))

@@ -68,7 +68,7 @@ class WaitingRows:
         return bool(absent.any())
 
     def complete(self, clock: UnitClock) -> Iterator[AccelerationBlock]:
-        """What the rows complete that every channel has."""
+        """Yield what the rows complete that every channel has."""
         whole = np.asarray(self._present.all(axis=1))
         count = len(whole) if whole.all() else int(np.argmin(whole))
         yield from self._release(self.base + count, clock)
@@ -96,7 +96,7 @@ class WaitingRows:
         self._statuses = [each for each in self._statuses if each[1] > oldest]
 
     def _status(self, first: int, end: int) -> BlockStatus:
-        """What the instrument reported of rows."""
+        """Return what the instrument reported of rows."""
         reported = BlockStatus.OK
         for begin, behind, status in self._statuses:
             if begin < end and behind > first:

@@ -157,7 +157,7 @@ class ValuesReader(Protocol):
         ...
 
     def read(self, name: str, value: Any) -> Iterator[Arrival]:
-        """What a channel's data value brings."""
+        """Return what a channel's data value brings."""
         ...
 
 
@@ -275,7 +275,7 @@ class OpcUaFeed:
                 await asyncio.wait_for(client.disconnect(), GOODBYE)
 
     def _refuse(self, sentence: str, error: Exception) -> None:
-        """At the start a person must act; later the server may have been restarted halfway."""
+        """Raise what a person must correct at the start; later the server may be restarting."""
         if self.counts.connections:
             raise LinkError(sentence) from error
         raise FeedError(f"{self.name}: {sentence}") from error
@@ -326,7 +326,7 @@ def _time_ns(arrival: Arrival) -> int:
 
 
 def _sentence(error: Exception) -> str:
-    """What an error says, in one line."""
+    """Return what an error says, in one line."""
     number = getattr(
         error, "errno", None
     )  # asyncio puts the address where the system's words belong

@@ -131,7 +131,7 @@ class Scale:
 
 
 def _convert_numbers(first: float, step: float | None) -> Scale | None:
-    """The scale that the size of a number without a unit shows."""
+    """Return the scale that the size of a number without a unit shows."""
     for least, unit in COUNTED_FROM_1970:
         if first > least:
             return Scale(SECONDS_PER_UNIT[unit])
