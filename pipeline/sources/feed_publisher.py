@@ -18,7 +18,7 @@ from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning,
 from pipeline.runtime.node_thread import STATUS_PERIOD, open_session
 from pipeline.runtime.source_feed import BlockReport, with_end
 from pipeline.runtime.watchdog import Watchdog
-from pipeline.sources.durable_publisher import kept_until_acknowledged
+from pipeline.sources.publisher import kept_until_acknowledged
 from pipeline.sources.spool import Spool
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
