@@ -1,7 +1,7 @@
 """Identification: acceleration blocks in, one modal estimate a window out.
 
 block ─► which blocks are used ─► a session of the turbine's units ─► windows ─► answers
-         `units/block_admission`  `units/sessions`                               `_in_context`
+         `units/block_admission`  `units/acquisition_units`, `joined_session`    `_in_context`
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -31,10 +31,11 @@ from pipeline.nodes.units.acquisition_units import (
     AcquisitionUnits,
     OpeningBlocks,
     UnitBlock,
+    UnitSession,
 )
 from pipeline.nodes.units.block_admission import NO_LAYOUT, Admission
+from pipeline.nodes.units.joined_session import SILENT, IdentifiedSession, JoinedSession
 from pipeline.nodes.units.resuming import IdentificationState, needed_messages
-from pipeline.nodes.units.sessions import SILENT, IdentifiedSession, JoinedSession, UnitSession
 from pipeline.nodes.window_identification import WindowContext
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings

@@ -2,19 +2,17 @@
 blocks that came while not all units' layouts were known."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
-from pipeline.messages import (
-    ModalEstimate,
-    QualityWarning,
-    StreamEnd,
-)
+from pipeline.messages import Message, ModalEstimate, QualityWarning, StreamEnd, UnitOrigin
 from pipeline.nodes.by_turbine import LimitedMembers
 from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.units.block_admission import BlockAdmission
+from pipeline.nodes.window_identification import WindowContext, WindowIdentification
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
-from pipeline.oma.windows.windowing import Beginning
+from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 
@@ -267,3 +265,103 @@ class OpeningBlocks:
         dropped = self._blocks.popleft()
         self.whole = self.whole and not dropped.used
         return None if dropped.used else dropped
+
+
+class UnitSession:
+    """One boot of a turbine's only unit; its windows begin where the boot is expected to begin.
+
+    Parameters
+    ----------
+    first : UnitBlock
+        That it begins with.
+    layouts : dict
+        Of the unit, by their ids.
+    """
+
+    has_lost_time = False
+    """Whether the units' stamps have left the clock that they are joined on; one has none."""
+
+    def __init__(
+        self, first: UnitBlock, layouts: dict[str, SensorLayout], context: WindowContext
+    ) -> None:
+        block, self._boot = first.block, first.boot
+        self._unit = block.unit
+        self._settings = context.settings
+        self._order = BlockOrder(context.settings.lateness, first.beginning)
+        self._origin = first.beginning.first_sample  # of the windows
+        self.windows = WindowIdentification(
+            block.turbine, block.unit, layouts, context, origins=self._origins
+        )
+        self._rate = block.sampling_rate
+        self._newest: AccelerationBlock | None = None
+
+    @property
+    def newest(self) -> dict[str, tuple[str, int]]:
+        """Session and end of the newest block by its number [ns] of every unit."""
+        end_ns = 0 if self._newest is None else self._newest.end_ns
+        return {self._unit: (self._boot.session, end_ns)}
+
+    def goes_on_with(self, item: UnitBlock) -> bool:
+        """Whether a block belongs to this boot."""
+        return (item.block.unit, item.boot) == (self._unit, self._boot)
+
+    def refusal(self, _: AccelerationBlock) -> QualityWarning | None:
+        """Return why what runs cannot go on with a block; with its only unit's it can."""
+        return None
+
+    def layout_mismatch(self, _: AccelerationBlock) -> QualityWarning | None:
+        """Return why a block is of no use, however many like it come; the only unit's never is."""
+        return None
+
+    def push(self, item: UnitBlock) -> Iterator[Message]:
+        """Take a block of this boot."""
+        block = item.block
+        if self._newest is None or block.first_sample >= self._newest.first_sample:
+            self._newest = block
+        yield from self._answers(self._order.push(block))
+
+    def finish(self) -> Iterator[Message]:
+        """Answer what is left."""
+        yield from self._answers(self._order.flush())
+        yield from self.windows.finish()
+
+    def release(self) -> list[AccelerationBlock]:
+        """Blocks that what follows may use: none."""
+        return []
+
+    def needed(self) -> dict[str, int]:
+        """First sample of each unit that is not in an answered window."""
+        hop = self._settings.hop * self._rate
+        return {self._unit: self._origin + round(self.windows.next_index * hop)}
+
+    def state(self) -> dict[str, Any]:
+        """Return what a restart needs beside the samples, as JSON can say it."""
+        return {"window": self.windows.next_index, "origin": self._origin}
+
+    def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
+        """Go on with the first window that is not answered."""
+        self._order = BlockOrder(self._settings.lateness, needed[self._unit])
+        self._origin = int(state.get("origin", 0))
+        self.windows.begin_at(int(state["window"]))
+
+    def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
+        boot, first = self._boot, self._origin + window.first_sample
+        return (UnitOrigin(self._unit, boot.session, boot.number, first),)
+
+    def _answers(self, pieces: Iterable[AccelerationBlock | MissingSamples]) -> Iterator[Message]:
+        for piece in pieces:
+            if isinstance(piece, MissingSamples):
+                yield self.windows.gap(piece, self._unit, self._boot.session)
+            if self._origin:
+                piece = replace(piece, first_sample=piece.first_sample - self._origin)
+            yield from self.windows.push(piece)
+
+    @property
+    def late(self) -> int:
+        """Blocks that came too late."""
+        return self._order.late
+
+    @property
+    def duplicate(self) -> int:
+        """Blocks that came twice."""
+        return self._order.duplicate

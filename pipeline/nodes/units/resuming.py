@@ -8,7 +8,7 @@ from typing import Any
 
 from pipeline.messages import Message
 from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot
-from pipeline.nodes.units.sessions import IdentifiedSession, JoinedSession
+from pipeline.nodes.units.joined_session import IdentifiedSession, JoinedSession
 from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
