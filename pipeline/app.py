@@ -49,7 +49,7 @@ def build(
     outputs: Outputs,
     layouts: Mapping[str, SensorLayout] | None = None,
 ) -> tuple[Plan, ...]:
-    """The nodes of a session in the order of the flow.
+    """Return the nodes of a session in the order of the flow.
 
     layout    of a turbine that is neither in `layouts` nor in the scenario's farm
     layouts   turbine → its own, where it is not as the scenario's farm has it

@@ -5,6 +5,7 @@ otherwise. `streams.py` defines on which key each type travels; `transport/codec
 written.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -156,7 +157,7 @@ class WindowRejected:
 
 
 def without_covariances(estimate: ModalEstimate) -> ModalEstimate:
-    """The estimate without its modes' covariance factors, by far its largest part.
+    """Return the estimate without its modes' covariance factors, by far its largest part.
 
     The empty ones are arrays of their own: a slice would keep the whole factor in memory.
     """
@@ -170,7 +171,7 @@ def without_covariances(estimate: ModalEstimate) -> ModalEstimate:
 
 
 def rejected_estimate(estimate: ModalEstimate, code: str, reason: str) -> WindowRejected:
-    """The window of an estimate that is not used."""
+    """Return the window of an estimate that is not used."""
     return WindowRejected(
         turbine=estimate.turbine,
         window=estimate.window,
@@ -296,7 +297,7 @@ class FoundationPosterior:
     origins: tuple[UnitOrigin, ...] = ()  # identity of the last window that entered
 
     def parameter(self, name: str) -> ParameterSummary:
-        """The parameter of that name; KeyError where there is none."""
+        """Return the parameter of that name; KeyError where there is none."""
         for summary in self.parameters:
             if summary.name == name:
                 return summary
@@ -432,6 +433,11 @@ class MessageCount:
 
     message: str  # type name, e.g. "ModalEstimate"
     count: int
+
+
+def message_counts(counts: Mapping[str, int]) -> tuple[MessageCount, ...]:
+    """Return the counts as they travel, in alphabetical order."""
+    return tuple(MessageCount(name, count) for name, count in sorted(counts.items()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
-"""The one error a person can cause and mend.
+"""The one error that a person can cause and correct.
 
-InputError                 what somebody gave is wrong
+InputError                 what was given is wrong
 ├── TurbineError           a turbine description (sensors.structure.description)
 ├── LayoutError            a sensor layout (sensors.acquisition.layout)
 ├── LoadError              a load on the structure (sensors.loads)

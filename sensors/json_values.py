@@ -11,6 +11,11 @@ def known(value: float | None) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
 
 
+def fields_of(record: object, *names: str) -> Json:
+    """Return attributes by their names; a number that is not finite is null."""
+    return {name: with_nulls(getattr(record, name)) for name in names}
+
+
 def with_nulls(value: Any) -> Any:
     """The same, dicts and lists all through, with null for every number that is not finite: an
     untrusted sender may send any."""

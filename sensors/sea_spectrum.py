@@ -1,4 +1,4 @@
-"""The spectrum of a sea's surface: what loads are made of, and what a sensor's hump is told by."""
+"""The spectrum of a sea's surface: for loads, and to recognise the hump it makes in sensors."""
 
 import numpy as np
 

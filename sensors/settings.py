@@ -147,7 +147,7 @@ class _Reader:
                 raise self.error(f"{where}: the key {name!r} is missing")
 
     def _converted(self, value: Any, hint: Any, where: str, key: str) -> Any:
-        """The TOML value as the annotated type; lists become tuples, integers floats."""
+        """Return the TOML value as the annotated type; lists become tuples, integers floats."""
         origin, arguments = get_origin(hint), get_args(hint)
         if origin in (Union, types.UnionType):  # X | None: TOML has no null, the key holds an X
             (inner,) = (each for each in arguments if each is not type(None))

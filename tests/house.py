@@ -20,10 +20,11 @@ from typing import Any
 
 from pipeline.app import Outputs, build
 from pipeline.nodes.statistics import NodeAccount
-from pipeline.runtime.runner import _dispatch, one_blas_thread
+from pipeline.runtime.runner import _dispatch
 from pipeline.runtime.source_feed import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
+from sensors.arrays import one_blas_thread
 from tests.test_layout import arrows_between_rooms, imports, longest_chain
 from tests.test_scenario_keys import settings_keys
 

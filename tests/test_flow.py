@@ -14,10 +14,10 @@ import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.offline.measured_file import recorded_channels
-from pipeline.offline.update_recording import holds_estimates, update_from
 from pipeline.recording.reader import read_messages
 from pipeline.run.options import SessionOptions, Way
 from pipeline.run.run import run_session
+from pipeline.run.update_recording import holds_estimates, update_from
 from pipeline.scenario import scenario_from_text
 from pipeline.sources.sources import record_simulation, replayed, replayed_with_structure, simulated
 from sensors.acquisition.blocks import AccelerationBlock

@@ -75,7 +75,7 @@ class DaskWorkers:
     def _submit(
         self, calls: Iterator[Call | None], waiting: dict[Any, Call], ready: "SimpleQueue[Any]"
     ) -> bool:
-        """As many calls as there is room for; whether more may come."""
+        """Submit as many calls as there is room for; return whether more may come."""
         while len(waiting) < self._room:
             try:
                 call = next(calls)
@@ -131,7 +131,7 @@ class DaskWorkers:
 
 @dataclass(frozen=True, slots=True)
 class _WorkersDied:
-    """Of a call: so many workers, one after the other."""
+    """So many workers died of one call, one after the other."""
 
     count: int
 

@@ -40,7 +40,7 @@ def kept_frames(messages: Iterable[Message]) -> Iterator[StoredFrame]:
 
 
 def kept_messages(frames: Iterable[StoredFrame]) -> Iterator[Message]:
-    """What `kept_frames` made, in order. Raises CodecError, ValueError for a damaged one."""
+    """Yield what `kept_frames` made, in order. Raises CodecError, ValueError for a damaged one."""
     for frame in frames:
         if frame[0] == KEPT_ESTIMATE:
             yield restored_estimate(frame[1])
@@ -49,7 +49,7 @@ def kept_messages(frames: Iterable[StoredFrame]) -> Iterator[Message]:
 
 
 def kept_estimate(estimate: ModalEstimate) -> bytes:
-    """An estimate as bytes, its covariances in single precision."""
+    """Return an estimate as bytes, its covariances in single precision."""
     slim = without_covariances(estimate)
     content = encode(slim)
     groups = (_group_bytes(group) for group in _groups(estimate.modes))
@@ -57,7 +57,7 @@ def kept_estimate(estimate: ModalEstimate) -> bytes:
 
 
 def restored_estimate(kept: bytes) -> ModalEstimate:
-    """The estimate. Raises CodecError, ValueError where the bytes are damaged."""
+    """Return the estimate. Raises CodecError, ValueError where the bytes are damaged."""
     (length,) = _LENGTH.unpack_from(kept)
     begin = _LENGTH.size + length
     slim = decode(ModalEstimate, kept[_LENGTH.size : begin])
@@ -88,7 +88,7 @@ def _groups(modes: Sequence[Mode]) -> Iterator[list[Mode]]:
 
 
 def _group_bytes(group: list[Mode]) -> bytes:
-    """Of a single mode all columns together; of a pair what is common, then what is its own."""
+    """Return a single mode's columns together; a pair's common ones first, then each one's own."""
     n_blocks = max(mode.n_block_columns for mode in group)
     if len(group) == 1:
         head = _GROUP.pack(1, n_blocks, 0)

@@ -23,13 +23,13 @@ from pipeline.messages import (
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.salvage import remaining_messages
-from pipeline.runtime.runner import one_blas_thread
 from pipeline.runtime.source_feed import with_end
-from pipeline.sources.playback import SensorMessage
+from pipeline.sources.recorded_stream import SensorMessage
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower
 from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import one_blas_thread
 
 ARCHIVE_SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
 SCADA_BEFORE = 600.0  # in which the state at a window's beginning was reported [s]
@@ -55,7 +55,7 @@ class IdentificationCall:
 
 
 def identified_frames(call: IdentificationCall) -> tuple[StoredFrame, ...]:
-    """What `identified` gives, as it is kept."""
+    """Return what `identified` gives, as it is kept."""
     return tuple(kept_frames(identified(call)))
 
 
@@ -79,16 +79,16 @@ def identified(call: IdentificationCall) -> tuple[Message, ...]:
 
 
 def _untracked(answer: Message) -> Message:
-    """Without what a tracker of this task alone has reported."""
+    """Remove what a tracker of this task alone has reported."""
     if not isinstance(answer, ModalEstimate):
         return answer
-    doubts = tuple(each for each in answer.warnings if not each.code.startswith(TRACKING))
+    warnings = tuple(each for each in answer.warnings if not each.code.startswith(TRACKING))
     modes = tuple(replace(mode, name="") for mode in answer.modes)
-    return replace(answer, modes=modes, warnings=doubts)
+    return replace(answer, modes=modes, warnings=warnings)
 
 
 def task_messages(task: IdentificationTask) -> Iterator[Message]:
-    """What the task's turbine measured in its stretch, as one session from sample 0 on."""
+    """Yield what the task's turbine measured in its stretch, as one session from sample 0 on."""
     if task.in_order:
         yield from _as_recorded(task)
         return
@@ -140,14 +140,14 @@ def _within(message: Message, task: IdentificationTask) -> bool:
 
 
 def message_time(message: Message) -> int:
-    """Of a ScadaSample or a FoundationTruth [ns]; 0 of what has no time of its own."""
+    """Return the time of a ScadaSample or a FoundationTruth [ns]; 0 of what has none."""
     return message.time_ns if isinstance(message, ScadaSample | FoundationTruth) else 0
 
 
 def _wanted(
     block: AccelerationBlock, turbine: str, pieces: Sequence[Piece]
 ) -> Iterator[AccelerationBlock]:
-    """The samples of a block that belong to the task, counted from its first."""
+    """Yield the samples of a block that belong to the task, counted from its first."""
     for piece in pieces:
         if (block.turbine, block.unit, block.session) == (turbine, piece.unit, piece.session):
             first = max(block.first_sample, piece.first_sample)

@@ -84,12 +84,12 @@ class _Link:
 
     @property
     def shift(self) -> int:
-        """From the session's count of samples to the chain's."""
+        """Offset from the session's count of samples to the chain's."""
         return self.end - self.part.next_sample
 
 
 def parts_by_turbine(surveys: Sequence[FileSurvey]) -> dict[str, list[Part]]:
-    """The parts of each turbine in order of time, turbines in order of their names."""
+    """Return the parts of each turbine in order of time, turbines in order of their names."""
     parts: dict[str, list[Part]] = defaultdict(list)
     for survey in surveys:
         for part in survey.parts:
@@ -107,7 +107,7 @@ def _in_order(parts: Sequence[Part]) -> list[Part]:
 
 
 def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
-    """The tasks of one turbine, from its parts in order of time.
+    """Return the tasks of one turbine, from its parts in order of time.
 
     Files of a turbine with several acquisition units are taken one by one: its units are joined on
     one clock within a file, never over files.
@@ -247,7 +247,7 @@ def _session_of(part: Part) -> tuple[object, ...]:
 def sent_again(
     part: Part, first: int, end: int, parts: PartsBySample
 ) -> Iterator[tuple[Part, int, int]]:
-    """Where samples that a part lacks were recorded later: the part, the first, one after the last.
+    """Yield samples that a part lacks and that were recorded later: part, first, one past the last.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def _held(part: Part, start: int, stop: int) -> Iterator[tuple[int, int]]:
 
 
 def _without(start: int, stop: int, taken: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """A range without others, which are in order."""
+    """Yield a range without others, which are in order."""
     for first, end in taken:
         if start < min(first, stop):
             yield start, min(first, stop)
@@ -292,7 +292,7 @@ def _is_filled(part: Part, missing: tuple[int, int], parts: PartsBySample) -> bo
 def _tasks_of_chain(
     chain: Sequence[Part], settings: OmaSettings, parts: PartsBySample
 ) -> Iterator[IdentificationTask]:
-    """One task for every file of the chain in which a window begins.
+    """Yield one task for every file of the chain in which a window begins.
 
     parts   all of the turbine, with what was sent again
     """
@@ -339,7 +339,7 @@ def _task(
     n_windows: int,
     before: Part | None,
 ) -> IdentificationTask:
-    """The samples from `origin` to `end` of a chain, each from the part that holds it."""
+    """Return the samples from `origin` to `end` of a chain, each from the part that holds it."""
     of, pieces, blocks = read[0].part, [], 0
     late: list[Piece] = []
     late_parts: list[Part] = []

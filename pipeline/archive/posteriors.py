@@ -24,13 +24,13 @@ from pipeline.archive.store import StoredFrame, frames_of, key_of_result, messag
 from pipeline.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
 from pipeline.nodes.operating_state import OperationSettings, usable_estimate
-from pipeline.runtime.runner import one_blas_thread
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import one_blas_thread
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import TurbineDescription
 
@@ -54,7 +54,7 @@ class UpdatingPlan:
     population: StiffnessPopulation | None = None  # the farm's prior; None: the uniform one
 
     def made(self) -> FoundationUpdater:
-        """The updater."""
+        """Return the updater."""
         return FoundationUpdater(
             ModalModel(self.structure, self.layout),
             self.layout,
@@ -99,7 +99,7 @@ class StretchCall:
 
 
 def posteriors(call: StretchCall) -> tuple[StoredFrame, ...]:
-    """A FoundationPosterior or a WindowRejected of each window, in order."""
+    """Return a FoundationPosterior or a WindowRejected of each window, in order."""
     updater = _updater(call.plan)
     state = updater.restored(call.state, origin="the state of the archive")
     answers: list[Message] = []
@@ -112,14 +112,14 @@ def posteriors(call: StretchCall) -> tuple[StoredFrame, ...]:
 
 
 def anchored(call: StretchCall) -> tuple[StoredFrame, ...]:
-    """The answers to one window, an event among them, and the state after it."""
+    """Return the answers to one window, an event among them, and the state after it."""
     updater = _updater(call.plan)
     state = updater.restored(call.state, origin="the state of the archive")
     estimate = restored_estimate(call.estimates[0])
     with one_blas_thread():
-        state, said = updater.accumulated(state, estimate)
+        state, outcome = updater.accumulated(state, estimate)
         state, posterior = updater.refreshed(state, estimate)
-    answers = (said, posterior) if isinstance(said, FoundationEvent) else (posterior,)
+    answers = (outcome, posterior) if isinstance(outcome, FoundationEvent) else (posterior,)
     return (*frames_of(answers), (STATE_FRAME, updater.saved(state)))
 
 
@@ -127,7 +127,7 @@ _made: dict[str, FoundationUpdater] = {}  # of this process, by the key of their
 
 
 def _updater(plan: UpdatingPlan) -> FoundationUpdater:
-    """The plan's updater; each process makes it once and keeps the last few."""
+    """Return the plan's updater; each process makes it once and keeps the last few."""
     key = plan.key
     if key not in _made:
         while len(_made) >= UPDATERS_KEPT:
@@ -187,10 +187,10 @@ class PosteriorPass:
         payload = kept_estimate(usable)
         estimate = restored_estimate(payload)
         with one_blas_thread():
-            after, said = self._updater.accumulated(self._state, estimate)
-        if isinstance(said, WindowRejected):
-            yield said
-        elif isinstance(said, FoundationEvent) or self._is_anchor(after):
+            after, outcome = self._updater.accumulated(self._state, estimate)
+        if isinstance(outcome, WindowRejected):
+            yield outcome
+        elif isinstance(outcome, FoundationEvent) or self._is_anchor(after):
             yield from self._stretch_ended()
             yield from self._anchored(payload)
         else:

@@ -28,6 +28,7 @@ from pipeline.archive.turbines import archived_turbines
 from pipeline.archive.work import Call, Failed, Workers
 from sensors.atomic_write import written_whole
 from sensors.errors import InputError
+from sensors.json_values import fields_of
 
 FINISHED = ".finished"  # folder of what is kept from run to run, within the results
 SURVEYS = "surveys.pw"  # file of what is known of the recordings, in that folder
@@ -84,7 +85,7 @@ def reprocessed(
 
 
 def _in_turn(histories: Sequence[TurbineHistory]) -> Iterator[Call | None]:
-    """A call of each turbine in turn, as long as any has one; None where all wait."""
+    """Yield a call of each turbine in turn, as long as any has one; None where all wait."""
     active = [history.calls() for history in histories]
     while active:
         found = False
@@ -117,7 +118,7 @@ class _Reprocessing:
         self._out = out
         self._finished = FinishedResults(out / FINISHED)
         self._workers = workers
-        self._say = report
+        self._report_progress = report
         self._report = ArchiveReport()
 
     def run(
@@ -146,7 +147,7 @@ class _Reprocessing:
             else:
                 found.append(outcome.result)
                 cache.put(outcome.result.path, outcome.result)
-            self._say("reading", done, len(files))
+            self._report_progress("reading", done, len(files))
         cache.close()
         found.sort(key=lambda survey: survey.path)
         originals, copies = without_copies(found)
@@ -162,7 +163,7 @@ class _Reprocessing:
         total = sum(history.n_tasks for history in histories)
         done = total - len(missing)
         self._report.found_finished += done
-        self._say("identifying", done, total)
+        self._report_progress("identifying", done, total)
         for outcome in self._workers.outcomes(
             Call(call.key, identified_frames, call) for call in missing
         ):
@@ -171,7 +172,7 @@ class _Reprocessing:
                 self._fail(str(outcome.call.argument.task.path), outcome.result)
             else:
                 self._keep(outcome.call.key, outcome.result)
-            self._say("identifying", done, total)
+            self._report_progress("identifying", done, total)
 
     def _update(self, histories: Sequence[TurbineHistory]) -> None:
         """Tracking, sums and posteriors of every turbine, months written as they are whole."""
@@ -185,8 +186,8 @@ class _Reprocessing:
             for history in histories:
                 if history.settle(outcome.call.key, failed=failed):
                     break
-            self._say("updating", sum(history.done for history in histories), total)
-        self._say("updating", sum(history.done for history in histories), total)
+            self._report_progress("updating", sum(history.done for history in histories), total)
+        self._report_progress("updating", sum(history.done for history in histories), total)
 
     def _count(self, histories: Sequence[TurbineHistory]) -> None:
         """What the tables hold now."""
@@ -210,11 +211,7 @@ class _Reprocessing:
         summary = {
             "files": report.files,
             "copies": [str(path) for path in report.copies],
-            "turbines": report.turbines,
-            "identified": report.identified,
-            "rejected": report.rejected,
-            "posteriors": report.posteriors,
-            "events": report.events,
+            **fields_of(report, "turbines", "identified", "rejected", "posteriors", "events"),
             "failures": [{"file": each.path, "reason": each.text} for each in report.failures],
             "salvaged": [{"file": each.path, "damage": each.text} for each in report.salvaged],
             "tables": [path.name for path in report.tables],

@@ -39,7 +39,7 @@ class FinishedResults:
         self._folder = folder
 
     def get(self, key: str) -> tuple[StoredFrame, ...] | None:
-        """The result of that key; None where there is none, or it is damaged."""
+        """Return the result of that key; None where there is none, or it is damaged."""
         try:
             return unpacked(self._path(key).read_bytes())
         except (FileNotFoundError, ValueError):
@@ -88,7 +88,7 @@ def frames_of(messages: Iterable[Message]) -> tuple[StoredFrame, ...]:
 
 
 def messages_in(frames: Iterable[StoredFrame]) -> Iterator[Message]:
-    """The messages among the frames, in order. Raises CodecError for a damaged one."""
+    """Yield the messages among the frames, in order. Raises CodecError for a damaged one."""
     for kind, content in frames:
         if kind in _TYPES:
             yield decode(_TYPES[kind], content)

@@ -100,7 +100,7 @@ class ArchiveTracking:
         return replace(estimate, modes=modes, warnings=estimate.warnings + events)
 
     def _places(self, channels: Sequence[str]) -> ChannelPlaces | None:
-        """Where a window's channels are among all that the turbine has ever had."""
+        """Return where a window's channels are among all that the turbine has ever had."""
         if tuple(channels) == self._channels:
             return None
         columns = tuple(self._channels.index(name) for name in channels)

@@ -47,14 +47,14 @@ class TurbineArchive:
 
     @property
     def identification(self) -> Iterator[IdentificationCall]:
-        """Of every task, in order of time."""
+        """Return the identification of every task, in order of time."""
         for task in self.plan.tasks:
             own = tuple(each for each in self.layouts if each.layout_id in task.layout_ids)
             yield IdentificationCall(task, self.scenario.oma, own)
 
     @property
     def updating(self) -> UpdatingPlan | None:
-        """None where there is no structural model, or no layout to compare it along."""
+        """Return the plan of the updating; None without a structural model or a layout."""
         if not self.scenario.has_structure or self.layout is None:
             return None
         return UpdatingPlan(
@@ -68,7 +68,7 @@ class TurbineArchive:
 
     @property
     def n_windows(self) -> int:
-        """Of all tasks; where a file must be read to know, as many as fit into its time."""
+        """Windows of all tasks; as many as fit into a file that must be read to know."""
         hop = self.scenario.oma.hop * NANOSECONDS
         return sum(
             task.n_windows or max(1, round((task.end_ns - task.start_ns) / hop))
@@ -79,7 +79,7 @@ class TurbineArchive:
 def archived_turbines(
     surveys: Sequence[FileSurvey], scenario: str | None, sampler: str | None
 ) -> tuple[TurbineArchive, ...]:
-    """What an archive holds of every turbine, in order of their names.
+    """Return what an archive holds of every turbine, in order of their names.
 
     Raises ScenarioError, and UpdatingError for a sampler that does not exist.
     """
@@ -94,7 +94,7 @@ def archived_turbines(
 
 
 def _of_turbine(turbine: str, scenario: Scenario) -> Scenario:
-    """The scenario with the structure that its farm gives the turbine."""
+    """Return the scenario with the structure that its farm gives the turbine."""
     members = {member.turbine.id: member for member in farm_members(scenario)}
     return replace(scenario, turbine=members.get(turbine, scenario).turbine)
 
@@ -102,7 +102,7 @@ def _of_turbine(turbine: str, scenario: Scenario) -> Scenario:
 def _stored_scenario(
     turbine: str, parts: Sequence[Part], surveys: Sequence[FileSurvey]
 ) -> Scenario:
-    """The one that the newest of the turbine's files was made under; else modes only."""
+    """Return the one that the newest of the turbine's files was made under; else modes only."""
     stored = {survey.path: survey.scenario for survey in surveys if survey.scenario}
     for part in reversed(parts):
         if part.path in stored:
@@ -113,7 +113,7 @@ def _stored_scenario(
 def _layouts_of(
     turbine: str, parts: Sequence[Part], surveys: Sequence[FileSurvey]
 ) -> tuple[SensorLayout, ...]:
-    """The layouts that the turbine's samples were taken with, in order of time."""
+    """Return the layouts that the turbine's samples were taken with, in order of time."""
     known = {
         layout.layout_id: layout
         for survey in surveys

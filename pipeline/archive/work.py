@@ -57,7 +57,7 @@ class ThisProcess:
 
 
 def attempted(function: Callable[[Any], Any], argument: Any) -> Any:
-    """What the function gives; Failed where what it was given is wrong."""
+    """Return what the function gives; Failed where what it was given is wrong."""
     try:
         return function(argument)
     except InputError as error:

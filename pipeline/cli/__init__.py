@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from pipeline.cli.calibrate import calibrate
 from pipeline.cli.console import escape_markup, stderr
 from pipeline.cli.farm import farm, reprocess
 from pipeline.cli.live import certificates, control, feed, publish
@@ -25,7 +24,7 @@ from pipeline.cli.recordings import export, import_files, info, salvage, simulat
 from pipeline.cli.report import audit, report, show
 from pipeline.cli.run import node, run
 from pipeline.cli.status import ack, metrics, notices, status
-from pipeline.cli.update import reproduce, update
+from pipeline.cli.update import calibrate, reproduce, update
 from pipeline.runtime.errors import NodeFailed
 from sensors.errors import InputError
 

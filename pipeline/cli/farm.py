@@ -127,7 +127,7 @@ def _pool_and_print(
 ) -> "Farm":
     from pipeline.farm.farm import pooled_farm
     from pipeline.farm.results import farm_json, write_parquet
-    from pipeline.runtime.runner import one_blas_thread
+    from sensors.arrays import one_blas_thread
 
     with one_blas_thread():
         found = pooled_farm(messages)

@@ -28,6 +28,7 @@ from pipeline.cli.console import (
 )
 from pipeline.state.phrases import count_noun
 from sensors.errors import InputError
+from sensors.json_values import fields_of
 
 SpoolOption = Annotated[
     Path | None,
@@ -215,9 +216,7 @@ def _feed_json(published_feed: Any, turbine: str) -> dict[str, Any]:
         "blocks": published_feed.blocks,
         "scada_samples": published_feed.scada_samples,
         "received": status.received[0].count,
-        "lost": status.lost,
-        "late": status.late,
-        "duplicate": status.duplicate,
+        **fields_of(status, "lost", "late", "duplicate"),
         "refused": status.malformed,
         "warnings": [{"code": each.code, "text": each.text} for each in status.warnings],
     }
@@ -333,7 +332,7 @@ def publish(
 
 
 def _published(source: str, scenario: str | None) -> "Source | RecordedSource":
-    """A replay as a tower unit has it, without structure and scipy; else any source."""
+    """Return a replay as a tower unit has it, without structure and scipy; else any source."""
     from pipeline.sources.recorded_source import recorded_source
 
     kind, _, name = source.partition(":")

@@ -69,7 +69,7 @@ def print_results(
 
 
 def _print_nearest(state: "TurbineState", scenario: "Scenario", layout: "SensorLayout") -> None:
-    """Without a posterior: which of the model's modes those identified are nearest to."""
+    """Print the model's modes that the identified ones are nearest to, without a posterior."""
     from pipeline.cli.tables.modes import nearest_modes_table
     from pipeline.offline.model_modes import nearest_modes
 

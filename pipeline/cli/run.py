@@ -105,7 +105,7 @@ def run(
     from pipeline.run.run import run_session
     from pipeline.runtime.node_thread import busy_nodes
     from pipeline.sources.feed_publisher import feed_source
-    from pipeline.sources.playback import Playback
+    from pipeline.sources.recorded_stream import Playback
     from pipeline.sources.sources import default_scenario, open_source
     from sensors.feeds.address import is_feed
 

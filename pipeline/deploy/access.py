@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.deploy.certificates import AUTHORITY, Identity
-from pipeline.transport.bus import key_part_complaint
+from pipeline.transport.bus import key_part_error
 from sensors.errors import InputError
 from sensors.json_values import Json
 
@@ -48,7 +48,7 @@ class Unit:
 
     @property
     def name(self) -> str:
-        """In its certificate."""
+        """Name in the unit's certificate."""
         return f"{self.turbine}.{self.unit}"
 
     @property
@@ -59,7 +59,7 @@ class Unit:
 
     @property
     def acknowledged(self) -> list[str]:
-        """Where it reads which of its blocks are recorded."""
+        """Keys on which it reads which of its blocks are recorded."""
         return _with_caches([f"pilewatch/{self.turbine}/{self.unit}/{ACKNOWLEDGED}"])
 
 
@@ -71,7 +71,7 @@ def _with_caches(keys: Sequence[str]) -> list[str]:
 def parse_unit(text: str) -> Unit:
     """TURBINE/UNIT. Raises InputError for anything else."""
     turbine, slash, unit = text.partition("/")
-    wrong = key_part_complaint(turbine) or key_part_complaint(unit)
+    wrong = key_part_error(turbine) or key_part_error(unit)
     if not slash or wrong:
         raise InputError(
             f"--unit {text!r} is not TURBINE/UNIT, e.g. t1/tower{': ' + wrong if wrong else ''}"
@@ -82,7 +82,7 @@ def parse_unit(text: str) -> Unit:
 def access_control(
     units: Sequence[Unit], viewers: Sequence[str], nodes: Sequence[str] = ()
 ) -> Json:
-    """The `access_control` section of the shore station's configuration."""
+    """Return the `access_control` section of the shore station's configuration."""
     policies = [
         (_publishing(each.name, each.keys) + _hearing(each.name, each.acknowledged), each.name)
         for each in units
@@ -105,7 +105,7 @@ def access_control(
 
 
 def _publishing(name: str, keys: list[str]) -> list[Json]:
-    """That a machine's words come in and others' wishes go out to it."""
+    """Let a machine's messages in, and others' requests out to it."""
     return [
         _rule(f"{name} says", SAYS, ["ingress"], keys),
         _rule(f"{name} is asked", HEARS, ["egress"], EVERY_KEY),
@@ -113,7 +113,7 @@ def _publishing(name: str, keys: list[str]) -> list[Json]:
 
 
 def _reading(name: str) -> list[Json]:
-    """That a machine's wishes come in and others' words go out to it, except what is recorded."""
+    """Let a machine's requests in and others' messages out to it, except what is recorded."""
     to_all = _with_caches([f"pilewatch/*/*/{ACKNOWLEDGED}"])
     return [
         _rule(f"{name} is told", SAYS, ["egress"], EVERY_KEY),

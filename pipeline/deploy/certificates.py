@@ -38,11 +38,11 @@ class Identity:
     name: str
 
     def certificate(self, folder: Path) -> Path:
-        """Where the certificate lies."""
+        """Path of the certificate."""
         return folder / f"{self.name}.pem"
 
     def key(self, folder: Path) -> Path:
-        """Where its private key lies."""
+        """Path of its private key."""
         return folder / f"{self.name}-key.pem"
 
     def exists(self, folder: Path) -> bool:

@@ -10,8 +10,7 @@ from pipeline.export.results import RESULT_TABLES, ResultTable, tables_of
 from pipeline.export.samples import samples_schema, samples_table
 from pipeline.export.table_file import Format, TableFile
 from pipeline.recording.reader import read_messages, read_metadata
-from pipeline.sources.playback import SensorMessage, each_block_once
-from pipeline.sources.recorded_stream import sensor_messages
+from pipeline.sources.recorded_stream import SensorMessage, each_block_once, sensor_messages
 from pipeline.sources.session_files import session_files
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout

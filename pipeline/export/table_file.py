@@ -94,7 +94,7 @@ class TableFile:
 
 
 def _harmless_text(text: str | None) -> str | None:
-    """A text that no spreadsheet takes for a formula. Source: OWASP, CSV injection."""
+    """Return a text that no spreadsheet takes for a formula. Source: OWASP, CSV injection."""
     return f"'{text}" if text and text.startswith(FORMULA) else text
 
 

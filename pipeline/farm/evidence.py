@@ -43,7 +43,7 @@ class TurbineEvidence:
     change: tuple[FloatArray, FloatArray] | None = None  # ĉ (d,), V (d, d); None: none was seen
 
     def of_the_description(self) -> "TurbineEvidence":
-        """The evidence of x − Lᵀ ξ: its own measurements' part of the covariances."""
+        """Return the evidence of x − Lᵀ ξ: its own measurements' part of the covariances."""
         if self.common is None:
             return self
         shared = self.common.T @ self.common
@@ -64,7 +64,7 @@ def _remainder(covariance: FloatArray, part: FloatArray) -> FloatArray:
 def evidence_of(
     posterior: FoundationPosterior, coordinates: SpringCoordinates, generator: np.random.Generator
 ) -> TurbineEvidence:
-    """The likelihood that a posterior stands for.
+    """Return the likelihood that a posterior stands for.
 
     Every draw x counts 1 / π(x): what its prior gave to where it lies is taken away again. That is
     |∂x/∂k| of a prior uniform in k, and ρ of an uncertain structure's, which is flat in ln k11,
@@ -124,7 +124,7 @@ class StackedEvidence:
 
     @classmethod
     def of(cls, evidence: Sequence[TurbineEvidence]) -> "StackedEvidence":
-        """The evidence, turbines in their order."""
+        """Return the evidence, turbines in their order."""
         most = max(len(each.shares) for each in evidence)
         d = evidence[0].means.shape[1]
         log_shares = np.full((len(evidence), most), -np.inf)

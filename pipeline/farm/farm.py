@@ -76,7 +76,7 @@ class Interval:
 
     @classmethod
     def of(cls, draws: FloatArray) -> "Interval":
-        """Of (n,) draws."""
+        """Return median and 90 % interval of (n,) draws."""
         p05, median, p95 = np.quantile(draws, [0.05, 0.5, 0.95]).tolist()
         return cls(median, p05, p95)
 
@@ -150,7 +150,7 @@ def pooled_farm(
     figures, common = common_errors(evidence)
     population = _population(members, drawn, coordinates, settings.population, figures, common)
     with_errors = drawn.with_common_errors(common, generator) if figures else drawn
-    return _told(members, left_out, with_errors, coordinates, population, changes)
+    return _pooled_farm(members, left_out, with_errors, coordinates, population, changes)
 
 
 def _own_changes(
@@ -180,7 +180,7 @@ def equal_spreads(coordinates: SpringCoordinates) -> FloatArray:
     return np.asarray(inverse @ inverse.T, dtype=np.float64)
 
 
-def _told(
+def _pooled_farm(
     members: Sequence[FoundationPosterior],
     left_out: tuple[LeftOut, ...],
     drawn: PooledDraws,
@@ -333,7 +333,7 @@ def _evenly(length: int, most: int) -> FloatArray:
 def members_of(
     posteriors: Sequence[FoundationPosterior],
 ) -> tuple[list[FoundationPosterior], tuple[LeftOut, ...]]:
-    """The latest posterior of each turbine that can be pooled, and why others cannot."""
+    """Return the latest posterior of each turbine that can be pooled, and why others cannot."""
     latest: dict[str, FoundationPosterior] = {}
     for each in sorted(posteriors, key=lambda posterior: posterior.time_ns):
         latest[each.turbine] = each
@@ -351,7 +351,7 @@ def members_of(
 
 
 def _reason_against(posterior: FoundationPosterior, nominal: FloatArray | None) -> str:
-    """Why a posterior cannot be pooled; "" where it can."""
+    """Return why a posterior cannot be pooled; "" where it can."""
     if not posterior.trusted:
         return "its posterior is not trusted"
     if posterior.population:
@@ -371,6 +371,6 @@ def nominal_of(posterior: FoundationPosterior) -> FloatArray:
 
 
 def in_order(name: str) -> tuple[tuple[int, str], ...]:
-    """A key by which turbine 2 comes before turbine 10."""
+    """Return a key by which turbine 2 comes before turbine 10."""
     parts = re.split(r"(\d+)", name)
     return tuple((int(part), "") if part.isdigit() else (-1, part) for part in parts)

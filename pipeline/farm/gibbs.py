@@ -26,7 +26,7 @@ JOINT_STEPS = 2  # of all standard deviations with τ, and of τ alone
 
 @dataclass(slots=True, eq=False)
 class State:
-    """Of all chains; the leading axis of every array."""
+    """State of all chains, which are the leading axis of every array."""
 
     mean: FloatArray  # μ, (n_chains, d)
     covariance: FloatArray  # Σ, (n_chains, d, d)
@@ -127,8 +127,8 @@ class Gibbs:
         noise = seen_covariance + outlying[..., None, None] * self._outliers.covariances
         seen = seen - outlying[..., None] * self._outliers.means
         state.mean = self._mean(seen, noise + state.covariance[:, None])
-        self._walk(state, seen, noise)
-        self._walk_spread(state)
+        self._random_walk(state, seen, noise)
+        self._random_walk_of_spread(state)
         regular = self._between(
             state.mean[:, None], _inverse(state.covariance)[:, None], seen, noise
         )
@@ -136,7 +136,7 @@ class Gibbs:
         different = different + self._outliers.means
         points = np.where(outlying[..., None], different, regular)
         state.covariance = self._covariance(regular - state.mean[:, None], state.spread)
-        self._walk_spread(state)
+        self._random_walk_of_spread(state)
         count, n_turbines = outlying.sum(axis=1), outlying.shape[1]
         state.outlier_share = self._generator.beta(
             self._prior.outliers + count, self._prior.regular + n_turbines - count
@@ -187,7 +187,7 @@ class Gibbs:
         weighted = (precision @ centre[..., None] + seen_precision @ seen[..., None])[..., 0]
         return self._gaussian(weighted, precision + seen_precision)
 
-    def _walk(self, state: State, seen: FloatArray, noise: FloatArray) -> None:
+    def _random_walk(self, state: State, seen: FloatArray, noise: FloatArray) -> None:
         """Σ and τ by Metropolis steps with b integrated out, the state's in place.
 
         Steps A of the linear group, Σ → A Σ Aᵀ, as often A as A⁻¹: a walk that looks the same from
@@ -210,7 +210,7 @@ class Gibbs:
             trial, spread = factor[:, None, None] ** 2 * state.covariance, factor * state.spread
             here = self._accept(state, trial, spread, here, log_density(trial, spread))
 
-    def _walk_spread(self, state: State) -> None:
+    def _random_walk_of_spread(self, state: State) -> None:
         """τ given Σ, the state's in place; as often up as down in ln τ."""
         here = self._log_prior(state.covariance, state.spread)
         for _ in range(JOINT_STEPS):
@@ -251,7 +251,7 @@ class Gibbs:
         return root @ np.swapaxes(root, 1, 2)
 
     def _log_prior(self, covariance: FloatArray, spread: FloatArray) -> FloatArray:
-        """Of Σ and τ, with respect to |Σ|^−(d+1)/2 dΣ d ln τ."""
+        """Return the log prior of Σ and τ, with respect to |Σ|^−(d+1)/2 dΣ d ln τ."""
         nu, d, degrees = self._prior.spread_degrees, self._d, self._degrees
         factor = np.linalg.cholesky(covariance)
         log_determinant = 2 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)

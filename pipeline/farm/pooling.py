@@ -99,7 +99,7 @@ def pooled(
 
 
 def _drawn(gibbs: Gibbs, state: State, sweeps: int, odds: float) -> PooledDraws:
-    """The sweeps that follow a state.
+    """Return the sweeps that follow a state.
 
     odds   of a turbine's being an outlier, beforehand
     """

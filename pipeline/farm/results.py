@@ -1,5 +1,6 @@
 """A farm for others: messages, JSON, Parquet."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,13 @@ from pipeline.farm.farm import Farm, Interval, PooledTurbine
 from pipeline.farm.own_changes import OwnChange
 from pipeline.farm.settings import FarmError
 from pipeline.messages import HALF_INTERVAL, ParameterSummary, PooledPosterior
-from pipeline.state.posterior_json import stiffness_summary
+from pipeline.state.posterior_json import MEDIAN_AND_INTERVAL, stiffness_summary
 from pipeline.updating.prior import PARAMETER_NAMES
-from sensors.json_values import Json
+from sensors.json_values import Json, fields_of
 
 
 def pooled_posterior(farm: Farm, turbine: PooledTurbine) -> PooledPosterior:
-    """What is published of a turbine."""
+    """Return what is published of a turbine."""
     return PooledPosterior(
         turbine=turbine.turbine,
         window=turbine.window,
@@ -29,14 +30,12 @@ def pooled_posterior(farm: Farm, turbine: PooledTurbine) -> PooledPosterior:
 
 
 def farm_json(farm: Farm) -> Json:
-    """Everything but the draws; names are stable."""
+    """Return everything but the draws; names are stable."""
     return {
         "turbines": [_turbine(each) for each in farm.turbines],
         "left_out": [{"turbine": e.turbine, "reason": e.reason} for e in farm.left_out],
         "centre": _springs(farm.centre),
-        "spread": {
-            name: _interval(each) for name, each in zip(PARAMETER_NAMES, farm.spread, strict=True)
-        },
+        "spread": _intervals(farm.spread),
         "ess": farm.ess,
         "rhat": farm.rhat,
     }
@@ -49,14 +48,9 @@ def _turbine(turbine: PooledTurbine) -> Json:
         "windows": turbine.n_windows,
         "own": _springs(turbine.own),
         "pooled": _springs(turbine.pooled),
-        "deviation": {
-            name: _interval(each)
-            for name, each in zip(PARAMETER_NAMES, turbine.deviations, strict=True)
-        },
+        "deviation": _intervals(turbine.deviations),
         "own_change": _own_change(turbine.own_change),
-        "outlier_probability": turbine.outlier_probability,
-        "outlying": turbine.outlying,
-        "text": turbine.text,
+        **fields_of(turbine, "outlier_probability", "outlying", "text"),
     }
 
 
@@ -79,8 +73,9 @@ def _springs(springs: tuple[ParameterSummary, ...]) -> Json:
     return summaries
 
 
-def _interval(interval: Interval) -> Json:
-    return {"median": interval.median, "p05": interval.p05, "p95": interval.p95}
+def _intervals(intervals: Iterable[Interval]) -> Json:
+    pairs = zip(PARAMETER_NAMES, intervals, strict=True)
+    return {name: fields_of(each, *MEDIAN_AND_INTERVAL) for name, each in pairs}
 
 
 def write_parquet(farm: Farm, path: Path) -> None:
@@ -109,14 +104,10 @@ def _row(turbine: PooledTurbine, number: int) -> Json:
         "parameter": own.name,
         "unit": own.unit,
         "nominal": own.nominal,
-        "own_p05": own.p05,
-        "own_median": own.median,
-        "own_p95": own.p95,
-        "pooled_p05": pooled.p05,
-        "pooled_median": pooled.median,
-        "pooled_p95": pooled.p95,
-        "deviation_p05": off.p05,
-        "deviation_median": off.median,
-        "deviation_p95": off.p95,
+        **{
+            f"{whose}_{quantile}": getattr(values, quantile)
+            for whose, values in (("own", own), ("pooled", pooled), ("deviation", off))
+            for quantile in ("p05", "median", "p95")
+        },
         "outlier_probability": turbine.outlier_probability,
     }

@@ -79,7 +79,7 @@ class RunningFarm:
         self._collected = _Collected()
 
     def messages(self) -> list[FarmMessage]:
-        """Those that are there now. Raises FarmError where no posterior comes in FIRST_PATIENCE."""
+        """Return what is there now. Raises FarmError where no posterior comes in FIRST_PATIENCE."""
         self._take_all(FIRST_PATIENCE)
         found = self._collected.messages()
         if not found:
@@ -92,7 +92,7 @@ class RunningFarm:
     def rounds(
         self, stopping: threading.Event, quiet: float = QUIET_STORE
     ) -> Iterator[list[FarmMessage]]:
-        """All that is known, each time that new ones have come and, for `quiet` [s], no
+        """Yield all that is known, each time that new ones have come and, for `quiet` [s], no
         further one; until `stopping` is set."""
         while not stopping.is_set():
             if self._take_all(0.2, quiet) and (found := self._collected.messages()):

@@ -9,7 +9,7 @@ listen. Figures that are not known yet are not there, rather than zero.
 import logging
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -23,15 +23,14 @@ from sensors.errors import InputError
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
+    from pipeline.monitoring.alarms.outbox import DeliveryState
+
 logger = logging.getLogger(__name__)
 
 LAST_PORT = 65_535
-QUANTILE_LEVELS = (
-    ("0.05", "p05"),
-    ("0.5", "median"),
-    ("0.95", "p95"),
-)  # `quantile` is for summaries
+QUANTILE_LEVELS = (("0.05", "p05"), ("0.5", "median"), ("0.95", "p95"))  # of a label `level`
 COUNTED_BY_NODES = ("lost", "recovered", "late", "duplicate", "malformed")
+DELIVERY_OUTCOMES = ("delivered", "failed", "refused", "dropped")
 
 Families = Iterable["Metric"]
 Sample = tuple[tuple[str, ...], float]  # values of the labels, the figure
@@ -50,7 +49,7 @@ class MetricsNode(StateSink):
         self.parts: list[Callable[[], Families]] = []  # figures of other nodes of this process
 
     def collect(self) -> Iterator["Metric"]:
-        """Every figure known now: what the Prometheus client's registry asks for."""
+        """Yield every figure known now: what the Prometheus client's registry asks for."""
         with self._asked() as (run, now_ns):
             families = list(run_families(run, now_ns))
         yield from families
@@ -72,7 +71,7 @@ def _streams(run: RunState, now_ns: int) -> Families:
         for turbine, state in run.turbines.items()
         for name, each in state.units.items()
     ]
-    heard = [(key, each) for key, each in units if each.end_ns is not None]
+    received_units = [(key, each) for key, each in units if each.end_ns is not None]
     short = [(key, each) for key, each in units if each.gaps]
     received = [
         ((turbine, message), count)
@@ -81,16 +80,16 @@ def _streams(run: RunState, now_ns: int) -> Families:
     ]
     yield counter("messages", "Messages received.", ("turbine", "message"), received)
     unit = ("turbine", "unit")
-    samples = [(key, each.samples) for key, each in heard]
+    samples = [(key, each.samples) for key, each in received_units]
     yield counter("samples", "Samples a channel received.", unit, samples)
     gaps = [(key, each.gaps) for key, each in short]
     yield counter("gaps", "Gaps in the measurements.", unit, gaps)
     missing = [(key, each.missing_ns / NANOSECONDS) for key, each in short]
     yield counter("missing_seconds", "Measured time that is missing.", unit, missing)
-    lags = [(key, (now_ns - (each.end_ns or 0)) / NANOSECONDS) for key, each in heard]
+    lags = [(key, (now_ns - (each.end_ns or 0)) / NANOSECONDS) for key, each in received_units]
     text = "Age of the newest sample by this machine's clock; of a replay, of its recording."
     yield gauge("lag_seconds", text, unit, lags)
-    rates = [(key, each.sampling_rate) for key, each in heard]
+    rates = [(key, each.sampling_rate) for key, each in received_units]
     yield gauge("sampling_rate_hertz", "Sampling rate of the unit.", unit, rates)
     streams = run.health.streams(now_ns)
     for name, text, field in (
@@ -184,6 +183,26 @@ def _foundation(run: RunState) -> Families:
     ]
     text = "When the newest change was noticed."
     yield gauge("event_timestamp_seconds", text, ("turbine", "kind"), latest)
+
+
+def delivery_families(states: "Sequence[DeliveryState]") -> Families:
+    """Return what became of alarm messages, by channel."""
+    outcomes = [
+        ((each.channel, outcome), float(getattr(each, outcome)))
+        for each in states
+        for outcome in DELIVERY_OUTCOMES
+    ]
+    text = "Alarm messages by outcome; failed: attempts."
+    yield counter("alarm_deliveries", text, ("channel", "outcome"), outcomes)
+    waiting = [((each.channel,), float(each.waiting)) for each in states]
+    text = "Alarm messages that wait for delivery."
+    yield gauge("alarm_waiting", text, ("channel",), waiting)
+    ages = [((each.channel,), each.age) for each in states]
+    text = "How long the oldest waiting alarm message has waited."
+    yield gauge("alarm_age_seconds", text, ("channel",), ages)
+    confirmed = [((each.channel,), each.last_ns / NANOSECONDS) for each in states if each.last_ns]
+    text = "When an alarm message was last confirmed."
+    yield gauge("alarm_delivered_timestamp_seconds", text, ("channel",), confirmed)
 
 
 def gauge(name: str, text: str, labels: tuple[str, ...], values: Iterable[Sample]) -> "Metric":

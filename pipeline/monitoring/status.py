@@ -16,7 +16,7 @@ from pipeline.state.posterior_json import posterior_summary
 from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
-from sensors.json_values import Json, known, with_nulls
+from sensors.json_values import Json, fields_of, known, with_nulls
 
 API = 1  # of the answer: a field may come, none goes or changes its meaning under one number
 STATUS_KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @
@@ -39,7 +39,7 @@ class StatusNode(StateSink):
         super().__init__(GAPS_TOLD, clock)
 
     def as_json(self) -> Json:
-        """Everything known now; names are stable."""
+        """Return everything known now; names are stable."""
         with self._asked() as (run, now_ns):
             about = {"api": API, "source": self._source, "connections": self.connections()}
             return about | status_figures(run, now_ns)
@@ -76,20 +76,13 @@ def _node(run: RunState, health: NodeHealth) -> Json:
         "silence_s": health.silence,
         "behind_blocks": behind,
         "received": sum(each.count for each in status.received),
-        "lost": status.lost,
-        "recovered": status.recovered,
-        "late": status.late,
-        "duplicate": status.duplicate,
-        "malformed": status.malformed,
-        "busy_s": status.busy_s,
-        "warnings": [doubt.text for doubt in status.warnings],
+        **fields_of(status, "lost", "recovered", "late", "duplicate", "malformed", "busy_s"),
+        "warnings": [each.text for each in status.warnings],
     }
 
 
 def _stream(health: StreamHealth) -> Json:
-    return {
-        "key": health.key,
-        "condition": health.condition,
+    return fields_of(health, "key", "condition") | {
         "silence_s": health.silence,
         "messages": health.messages,
         "rate_hz": known(health.rate),
@@ -97,10 +90,7 @@ def _stream(health: StreamHealth) -> Json:
 
 
 def _gap(gap: StreamGap) -> Json:
-    return {
-        "turbine": gap.turbine,
-        "unit": gap.unit,
-        "start_ns": gap.start_ns,
+    return fields_of(gap, "turbine", "unit", "start_ns") | {
         "duration_s": (gap.end_ns - gap.start_ns) / NANOSECONDS,
         "blocks": gap.n_blocks,
     }
@@ -117,7 +107,7 @@ def _posterior(posterior: FoundationPosterior) -> Json:
 
 
 def endpoint_of(out: Path) -> str:
-    """Where the session that runs in this folder can be asked.
+    """Return where the session that runs in this folder can be asked.
 
     Raises InputError where none runs.
     """

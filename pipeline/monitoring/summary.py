@@ -19,12 +19,12 @@ from pipeline.messages import (
 )
 from pipeline.nodes.node import Sink
 from pipeline.nodes.sharding import of_kind
-from pipeline.nodes.statistics import heard_blocks
-from pipeline.state.posterior_json import empty_summary, posterior_summary
+from pipeline.nodes.statistics import received_blocks
+from pipeline.state.posterior_json import MEDIAN_AND_INTERVAL, empty_summary, posterior_summary
 from pipeline.state.run_state import RunState
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-from sensors.json_values import Json, known, with_nulls
+from sensors.json_values import Json, fields_of, known, with_nulls
 
 KEPT_WINDOWS = 5000  # rejections, gaps, posteriors of a live session, each: a month of ten minutes
 BLOCK_NODES = ("recorder", "identification", "viewer")  # that take blocks, or shares of them
@@ -163,14 +163,14 @@ def _figures(
 
 
 def _warnings(state: TurbineState, books: Json) -> list[Json]:
-    """Every warning once, then what the books raise an alarm of."""
+    """Return every warning once, then what the books raise an alarm of."""
     found = [(each.code, each.text) for each in state.warnings]
     found += [(e["kind"], e["text"]) for e in books["alarms"] if e["turbine"] == state.turbine]
     return [{"code": code, "text": text} for code, text in dict.fromkeys(found)]
 
 
 def _in_its_time(state: TurbineState, items: Sequence[_T], *, live: bool) -> list[_T]:
-    """Without what lies before the first block that was received of a live session.
+    """Leave out what lies before the first block that was received of a live session.
 
     A listener that joins a unit after months has not lost them.
     """
@@ -190,10 +190,7 @@ def _event(state: TurbineState, event: FoundationEvent) -> Json:
         "noticed": _since_start(state, event.time_ns),
         "since": _since_start(state, event.since_ns),
         "text": event.text,
-        "changes": {
-            each.name: {"median": each.median, "p05": each.p05, "p95": each.p95}
-            for each in event.changes
-        },
+        "changes": {each.name: fields_of(each, *MEDIAN_AND_INTERVAL) for each in event.changes},
         "revised": _revised(state, event),
     }
 
@@ -204,7 +201,7 @@ def _revised(state: TurbineState, event: FoundationEvent) -> Json | None:
     if found is None:
         return None
     springs = {
-        each.name: {"median": each.median - 1, "p05": each.p05 - 1, "p95": each.p95 - 1}
+        each.name: {quantile: getattr(each, quantile) - 1 for quantile in MEDIAN_AND_INTERVAL}
         for each in found.springs
     }
     return {"posteriors": found.n_posteriors, "changes": springs, "text": found.text}
@@ -222,10 +219,7 @@ def _posterior(state: TurbineState) -> Json:
     return posterior_summary(last, state.truth) | {
         "trusted": last.trusted,
         "windows": last.n_windows,
-        "sampler": last.sampler,
-        "reduced_chi_square": known(last.reduced_chi_square),
-        "paired_share": known(last.paired_share),
-        "pairing_cost": known(last.pairing_cost),
+        **fields_of(last, "sampler", "reduced_chi_square", "paired_share", "pairing_cost"),
     }
 
 
@@ -248,12 +242,12 @@ def stream_figures(state: TurbineState, *, published: int, live: bool = False) -
 
 
 def _lost(state: TurbineState, published: int) -> int | None:
-    """Return how many blocks never came; None instead of 0 while a node has not heard any block."""
+    """Return how many blocks never came; None instead of 0 while a node has received no block."""
     takers = [status for node, status in state.statuses.items() if node != "source"]
     lost = max((status.lost for status in takers), default=0)
     kinds = [[each for each in takers if of_kind(each.node, kind)] for kind in BLOCK_NODES]
-    all_heard = all(any(map(heard_blocks, kind)) for kind in kinds if kind)
-    if lost or not published or (all_heard and any(map(heard_blocks, takers))):
+    all_received = all(any(map(received_blocks, kind)) for kind in kinds if kind)
+    if lost or not published or (all_received and any(map(received_blocks, takers))):
         return lost
     return None
 

@@ -18,7 +18,7 @@ class SnapshotStore(Protocol):
     """Keeps what nodes must not forget."""
 
     def read(self, turbine: str) -> NodeSnapshot | None:
-        """The turbine's snapshot; None where there is none. Raises CheckpointError."""
+        """Return the turbine's snapshot; None where there is none. Raises CheckpointError."""
         ...
 
     def write(self, turbine: str, snapshot: NodeSnapshot) -> None:
@@ -43,7 +43,7 @@ class NodeByTurbine(Generic[N]):
     past : sequence of Message
         What was recorded last, in the order of recording.
     most_turbines : int, optional
-        Of more the least heard one is let go.
+        Of more, the one with the fewest messages is let go.
     """
 
     def __init__(
@@ -72,9 +72,9 @@ class NodeByTurbine(Generic[N]):
 
         Raises CheckpointError for a snapshot that it cannot go on from.
         """
-        self._early_answers += self._begun(turbine)
+        self._early_answers += self._started(turbine)
 
-    def _begun(self, turbine: str) -> Iterator[Message]:
+    def _started(self, turbine: str) -> Iterator[Message]:
         """Make the turbine's node; what it answers again, or for the first time."""
         if turbine in self.members:
             return
@@ -88,12 +88,12 @@ class NodeByTurbine(Generic[N]):
     def handle(self, message: Message) -> Iterator[Message]:
         """The answers of the turbine's node; when they have been taken, its snapshot is kept."""
         turbine = message.turbine
-        leaving = self._names.heard(turbine)
+        leaving = self._names.note(turbine)
         if leaving is not None and leaving in self.members:
             yield from self._let_go(leaving)
         early, self._early_answers = self._early_answers, []
         yield from early
-        yield from self._begun(turbine)
+        yield from self._started(turbine)
         yield from self.members[turbine].handle(message)
         self._keep(turbine)
 
@@ -123,7 +123,7 @@ class NodeByTurbine(Generic[N]):
 
     @property
     def statistics(self) -> NodeStatistics:
-        """Of all turbines."""
+        """Counts and warnings of all turbines."""
         counts = self._of_the_past
         for node in self.members.values():
             counts += node.statistics
@@ -145,21 +145,21 @@ class LimitedMembers:
     def __init__(self, most: int) -> None:
         self.gone = 0  # names that had to go
         self._most = most
-        self._heard: dict[str, int] = {}  # by name, the longest silent first
+        self._messages: dict[str, int] = {}  # by name, the longest silent first
 
-    def heard(self, name: str) -> str | None:
+    def note(self, name: str) -> str | None:
         """Mark `name` as recently used; return the evicted name, or None."""
         leaving = None
-        if name not in self._heard and len(self._heard) >= self._most:
-            leaving = min(self._heard, key=self._heard.__getitem__)  # the first of equals
-            del self._heard[leaving]
+        if name not in self._messages and len(self._messages) >= self._most:
+            leaving = min(self._messages, key=self._messages.__getitem__)  # the first of equals
+            del self._messages[leaving]
             self.gone += 1
-        self._heard[name] = self._heard.pop(name, 0) + 1
+        self._messages[name] = self._messages.pop(name, 0) + 1
         return leaving
 
 
 def too_many(limit: str, gone: int) -> QualityWarning:
-    """That members had to be let go, and how often."""
+    """Warn that members had to be let go, and how often."""
     return QualityWarning(
         "too-many-turbines", f"more than {limit}: {gone} times the least heard one was let go"
     )

@@ -22,7 +22,6 @@ from pipeline.nodes.limits import (
     CpuClock,
     CpuLimit,
     LimitSettings,
-    Refusal,
     window_refusal,
 )
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
@@ -30,13 +29,14 @@ from pipeline.nodes.operating_state import OperationLog
 from pipeline.nodes.units.acquisition_units import (
     AcquisitionUnit,
     AcquisitionUnits,
-    OpeningBlock,
     OpeningBlocks,
+    UnitBlock,
     UnitSession,
 )
 from pipeline.nodes.units.block_admission import NO_LAYOUT, Admission
-from pipeline.nodes.units.joined_session import SILENT, JoinedSession
-from pipeline.nodes.units.resuming import IdentificationState, IdentifiedSession, needed_messages
+from pipeline.nodes.units.joined_session import SILENT, IdentifiedSession, JoinedSession
+from pipeline.nodes.units.resuming import IdentificationState, needed_messages
+from pipeline.nodes.window_identification import WindowContext
 from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER
@@ -81,11 +81,12 @@ class TurbineIdentification:
         self.revision = 0
         self.units = AcquisitionUnits(settings.lateness, limits.units)
         self._limits = limits
-        self._cpu = None if clock is None else CpuLimit(limits.cpu_seconds, clock)
         self._settings = settings
         self._compared = compared
         self._session: IdentifiedSession | None = None
         self._log = OperationLog()
+        cpu = None if clock is None else CpuLimit(limits.cpu_seconds, clock)
+        self._context = WindowContext(settings, self._log.rotor_speed, cpu)
         self._channels = ChannelSwapMonitor()
         self._of_the_past = NodeStatistics()  # of sessions that are over
         self._answers: tuple[WindowAnswer, ...] = ()  # the latest
@@ -93,7 +94,7 @@ class TurbineIdentification:
         self._resumable: IdentificationState | None = None  # of an identification that has ended
 
     def handle(self, message: Message) -> Iterator[Message]:
-        """The answers to a block; other messages say what they mean."""
+        """Yield the answers to a block; other messages say what they mean."""
         for answer in map(self._in_context, self._answers_to(message)):
             yield answer
             if isinstance(answer, WindowAnswer):
@@ -102,7 +103,7 @@ class TurbineIdentification:
                 self.revision += 1
 
     def finish(self) -> Iterator[Message]:
-        """What the session still has to say."""
+        """Yield what the session still has to say."""
         if self._session is not None:
             yield from map(self._in_context, self._end_session())
 
@@ -138,22 +139,20 @@ class TurbineIdentification:
             yield from self._take(unit, block)
 
     def _take(self, unit: AcquisitionUnit, block: AccelerationBlock) -> Iterator[Message]:
-        boot = unit.boot
-        beginning = unit.expected(block)
-        opening = OpeningBlock(block, boot, beginning)
-        if self._session is None or not self._session.goes_on_with(block, boot):
+        item = UnitBlock(block, unit.boot, unit.expected(block))
+        if self._session is None or not self._session.goes_on_with(item):
             if self._waits(block):
-                self._refuse_dropped(self._opening.wait(opening))
+                self._refuse_dropped(self._opening.wait(item))
                 return
-            yield from self._change_session(unit, opening)
+            yield from self._change_session(unit, item)
         assert self._session is not None
-        misfit = self._session.misfit(block)
-        if misfit is not None:
-            unit.admission.refuse(misfit)
+        mismatch = self._session.layout_mismatch(block)
+        if mismatch is not None:
+            unit.admission.refuse(mismatch)
             return
         if isinstance(self._session, UnitSession):
-            self._refuse_dropped(self._opening.use(opening))
-        yield from self._session.push(block, boot, beginning)
+            self._refuse_dropped(self._opening.use(item))
+        yield from self._session.push(item)
         if isinstance(self._session, JoinedSession):
             unit.note_joined(block)
         if self._session.has_lost_time:
@@ -177,42 +176,42 @@ class TurbineIdentification:
             return True
         return len(self._layouts_to_join(block)) < 2 and self._opening.waiting < SILENT
 
-    def _refuse_dropped(self, dropped: OpeningBlock | None) -> None:
+    def _refuse_dropped(self, dropped: UnitBlock | None) -> None:
         """Count a block that waited for layouts that did not come."""
         if dropped is not None and dropped.block.unit in self.units.by_name:
             text = "its layout, which would join it with the turbine's other unit, is not known"
-            self.units.by_name[dropped.block.unit].admission.refuse(Refusal(NO_LAYOUT, text))
+            self.units.by_name[dropped.block.unit].admission.refuse(QualityWarning(NO_LAYOUT, text))
 
-    def _change_session(self, unit: AcquisitionUnit, opening: OpeningBlock) -> Iterator[Message]:
+    def _change_session(self, unit: AcquisitionUnit, item: UnitBlock) -> Iterator[Message]:
         """Begin another session, with the blocks that waited for it; where it joins units, with
-        those of the session before too, which then ends without a word."""
+        those of the session before too, which then ends without an answer."""
         before, whole = self._session, self._opening.whole
         waiting = self._opening.taken()
-        own = [each for each in waiting if each.block.unit == opening.block.unit]
-        of_boot = [each for each in own if each.boot == opening.boot]
-        self._session = self._new_session(unit, (*of_boot, opening)[0])
+        own = [each for each in waiting if each.block.unit == item.block.unit]
+        of_boot = [each for each in own if each.boot == item.boot]
+        self._session = self._new_session(unit, (*of_boot, item)[0])
         joins = isinstance(self._session, JoinedSession) and isinstance(before, UnitSession)
         if before is not None and not (joins and whole):
             yield from self._finished(before)
         for each in waiting:
             known = self.units.by_name.get(each.block.unit)
-            fits = self._session.goes_on_with(each.block, each.boot)
+            fits = self._session.goes_on_with(each)
             if fits and known is not None and known.boot == each.boot:
-                if self._session.misfit(each.block) is None:
-                    yield from self._session.push(each.block, each.boot, each.beginning)
+                if self._session.layout_mismatch(each.block) is None:
+                    yield from self._session.push(each)
             elif not each.used:
                 self._refuse_dropped(each)
 
-    def _new_session(self, unit: AcquisitionUnit, opening: OpeningBlock) -> IdentifiedSession:
-        """The session that begins with a block, or goes on with it after a restart."""
-        session = self._session_for(opening)
+    def _new_session(self, unit: AcquisitionUnit, first: UnitBlock) -> IdentifiedSession:
+        """Return the session that begins with a block, or goes on with it after a restart."""
+        session = self._session_for(first)
         resumable, self._resumable = self._resumable, None
-        if resumable is not None and resumable.boots.get(opening.block.unit) == unit.boot:
+        if resumable is not None and resumable.boots.get(first.block.unit) == unit.boot:
             resumable.resume(session)
             for answer in self._answers:
                 if isinstance(answer, ModalEstimate):
                     self._channels.swap_in(answer)
-                session.recall(answer)
+                session.windows.recall(answer)
         return session
 
     def _layouts_to_join(self, block: AccelerationBlock) -> list[SensorLayout]:
@@ -220,13 +219,11 @@ class TurbineIdentification:
         layouts = self.units.latest_layouts
         return [layouts[name] for name in sorted(layouts)] if block.unit in layouts else []
 
-    def _session_for(self, opening: OpeningBlock) -> IdentifiedSession:
-        settings, speed = self._settings, self._log.rotor_speed
-        layouts = self._layouts_to_join(opening.block)
+    def _session_for(self, first: UnitBlock) -> IdentifiedSession:
+        layouts = self._layouts_to_join(first.block)
         if len(layouts) > 1:
-            return JoinedSession(layouts, settings, self._cpu, speed)
-        first, known = (opening.block, opening.boot, opening.beginning), self.units.layouts
-        return UnitSession(*first, settings, known, self._cpu, speed)
+            return JoinedSession(layouts, self._context)
+        return UnitSession(first, self.units.layouts, self._context)
 
     def _ended(self, unit: AcquisitionUnit, end: StreamEnd) -> Iterator[Message]:
         unit.note_end(end)
@@ -263,7 +260,7 @@ class TurbineIdentification:
         yield from self._finished(session)
 
     def _finished(self, session: IdentifiedSession) -> Iterator[Message]:
-        """What a session still has to say; its blocks stay counted."""
+        """Yield what a session still has to say; its blocks stay counted."""
         yield from session.finish()
         self._of_the_past += NodeStatistics(late=session.late, duplicate=session.duplicate)
 
@@ -361,7 +358,7 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
 
     @property
     def statistics(self) -> NodeStatistics:
-        """Of all turbines; what was refused is a warning too."""
+        """Counts and warnings of all turbines; what was refused is a warning too."""
         counts = super().statistics
         return counts + NodeStatistics(warnings=tuple(self._refusals(counts)))
 
@@ -369,9 +366,9 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
         if counts.rejected:
             last = next(
                 (
-                    each.units.complaint.replace(":", f" of {turbine}:", 1)
+                    each.units.last_refusal.replace(":", f" of {turbine}:", 1)
                     for turbine, each in reversed(self.members.items())
-                    if each.units.complaint
+                    if each.units.last_refusal
                 ),
                 "a unit that is gone",
             )

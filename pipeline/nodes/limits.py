@@ -54,18 +54,10 @@ class LimitSettings:
 DEFAULT_LIMITS = LimitSettings()
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
-    """Why a block cannot be used: a stable code, and a sentence for people."""
-
-    code: str
-    text: str
-
-
 def window_refusal(
     block: AccelerationBlock, duration: float, limits: LimitSettings = DEFAULT_LIMITS
-) -> Refusal | None:
-    """Why a window of such blocks cannot be identified; None where it can.
+) -> QualityWarning | None:
+    """Return why a window of such blocks cannot be identified; None where it can.
 
     Parameters
     ----------
@@ -74,22 +66,24 @@ def window_refusal(
     """
     n_channels, rate = block.samples.shape[1], block.sampling_rate
     if n_channels > limits.channels:
-        return Refusal(
+        return QualityWarning(
             TOO_MANY_CHANNELS,
             f"{n_channels} channels; a unit has at most {limits.channels} that are identified "
             "([limits] channels)",
         )
     n_values = duration * rate * n_channels
     if n_values > limits.window_values:
-        return Refusal(
+        return QualityWarning(
             TOO_LARGE,
             f"a window of {duration:g} s would hold {n_values:.3g} values at {rate:g} Hz; at most "
             f"{limits.window_values:g} are held ([limits] window_values)",
         )
     if rate > limits.sampling_rate:
-        return Refusal(TOO_FAST, f"{rate:g} Hz; at most {limits.sampling_rate:g} Hz are identified")
+        return QualityWarning(
+            TOO_FAST, f"{rate:g} Hz; at most {limits.sampling_rate:g} Hz are identified"
+        )
     if block.samples.nbytes > 1e6 * limits.block_megabytes:
-        return Refusal(
+        return QualityWarning(
             TOO_LARGE_BLOCK,
             f"a block of {1e-6 * block.samples.nbytes:.1f} MB; at most {limits.block_megabytes:g} "
             "MB are identified",
@@ -129,7 +123,7 @@ class WindowWork:
         self._spent += self._limit.clock() - started
 
     def refusal(self) -> QualityWarning | None:
-        """Why the window has no answer; the next one begins with nothing spent."""
+        """Return why the window has no answer; the next one begins with nothing spent."""
         exceeded, self.exceeded, self._spent = self.exceeded, False, 0.0
         if not exceeded or self._limit is None:
             return None

@@ -134,11 +134,11 @@ class TurbineNode(Protocol):
         ...
 
     def finish(self) -> Iterator[Message]:
-        """What is still to be reported before the node goes."""
+        """Return what is still to be reported before the node goes."""
         ...
 
     def snapshot(self) -> NodeSnapshot:
-        """What must not be forgotten."""
+        """Return what must not be forgotten."""
         ...
 
     def restore(self, snapshot: NodeSnapshot, past: Iterable[Message]) -> Iterator[Message]:

@@ -49,7 +49,7 @@ class OperationLog:
         self._samples.append(sample)
 
     def with_conditions(self, estimate: ModalEstimate) -> ModalEstimate:
-        """The estimate with what the controller reported of its window; unchanged where it
+        """Return the estimate with what the controller reported of its window; unchanged where it
         reported nothing."""
         samples = self._during(estimate.start_ns, estimate.end_ns)
         if not samples:
@@ -101,7 +101,7 @@ class OperationLog:
 def usable_estimate(
     estimate: ModalEstimate, settings: OperationSettings, layout: SensorLayout | None
 ) -> ModalEstimate | WindowRejected:
-    """The estimate with its shapes along the nacelle's axes, or why it may not speak of the
+    """Return the estimate with its shapes along the nacelle's axes, or why it may not speak of the
     foundation.
 
     Parameters

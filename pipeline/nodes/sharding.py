@@ -40,7 +40,7 @@ class Shard:
 
     @property
     def suffix(self) -> str:
-        """Of the name of a node that has this share."""
+        """Suffix of the name of a node that has this share."""
         return f"-{self.number}-of-{self.count}"
 
     def has(self, turbine: str) -> bool:
@@ -53,7 +53,7 @@ class Shard:
 
 
 def parsed_shard(text: str, turbines: Sequence[str] = ()) -> Shard:
-    """The share that "1/4" names. Raises ShardError."""
+    """Return the share that "1/4" names. Raises ShardError."""
     number, _, count = text.partition("/")
     try:
         return Shard(int(number), int(count), tuple(turbines))
@@ -71,7 +71,7 @@ class ShardedNode:
         self._shard = shard
 
     def handle(self, message: Message) -> Iterable[Message]:
-        """The node's answers; none to a message of another share's turbine."""
+        """Return the node's answers; none to a message of another share's turbine."""
         if isinstance(message, NodeStatus) or self._shard.has(message.turbine):
             return self._node.handle(message)
         return ()

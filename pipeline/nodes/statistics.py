@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
-from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
+from pipeline.messages import Message, NodeStatus, QualityWarning, message_counts
 from pipeline.nodes.node import Node, NodeStatistics, PayloadNode
 from sensors.acquisition.blocks import AccelerationBlock
 
@@ -33,7 +33,7 @@ class NodeAccount:
         return self._received.total() - self._received[NodeStatus.__name__]
 
     def handle(self, message: Message, payload: bytes | None = None) -> Iterator[Message]:
-        """The node's answers to one message, in order, each as soon as the node gives it.
+        """Yield the node's answers to one message, in order, each as soon as the node gives it.
 
         payload   the bytes that it came in, where they are known
 
@@ -76,7 +76,7 @@ class NodeAccount:
         malformed: int = 0,
         refusal: str = "",
     ) -> NodeStatus:
-        """What the node would say of itself now.
+        """Return what the node would say of itself now.
 
         lost        blocks that its subscription knows to be lost
         recovered   blocks that came when their link was back
@@ -109,12 +109,7 @@ class NodeAccount:
         )
 
 
-def message_counts(counter: Counter[str]) -> tuple[MessageCount, ...]:
-    """The counts as they travel, in alphabetical order."""
-    return tuple(MessageCount(name, count) for name, count in sorted(counter.items()))
-
-
-def heard_blocks(status: NodeStatus | None) -> bool:
+def received_blocks(status: NodeStatus | None) -> bool:
     """Whether a node has taken a block, or reports that blocks were lost before they reached it."""
     name = AccelerationBlock.__name__
     return status is not None and (

@@ -59,7 +59,7 @@ class AnsweredWindows:
             del self._last[next(iter(self._last))]
 
     def state(self) -> dict[str, Any]:
-        """As JSON can say it."""
+        """Return the answered windows as JSON can hold them."""
         return {
             "last": [[list(map(list, boots)), first] for boots, first in self._last.items()],
             "without_origins": sorted(self._without_origins),
@@ -112,7 +112,7 @@ class TurbineUpdating:
         return self._state
 
     def handle(self, message: Message) -> Sequence[Answer]:
-        """The posterior after a ModalEstimate, before it the event where the structure has
+        """Return the posterior after a ModalEstimate, before it the event where the structure has
         changed; or why the estimate could not be used. One that comes again gets the answers that
         it got, if they are among the latest."""
         if isinstance(message, SensorLayout):
@@ -165,7 +165,7 @@ class TurbineUpdating:
         return iter(())
 
     def snapshot(self) -> NodeSnapshot:
-        """The state, which windows have been answered, and the latest answers."""
+        """Return the state, which windows have been answered, and the latest answers."""
         head = json.dumps(self._answered.state()).encode()
         state = head + b"\n" + self._updater.saved(self._state)
         return NodeSnapshot(state, self._answers)
@@ -184,7 +184,7 @@ class TurbineUpdating:
 
 
 def _identified(answer: Answer, estimate: ModalEstimate) -> Answer:
-    """The answer with its window's identity, its times in order whatever the clock did."""
+    """Return the answer with its window's identity, its times in order whatever the clock did."""
     if isinstance(answer, FoundationEvent):
         earliest, latest = sorted((answer.since_earliest_ns, answer.since_latest_ns))
         return replace(

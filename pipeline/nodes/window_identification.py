@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,44 +41,48 @@ Origins = Callable[[Window], tuple[UnitOrigin, ...]]
 RotorSpeed = Callable[[int, int, int], FloatArray | None]
 """Start and end [ns], number of samples → speed at each sample, (n,) [rpm]; None: unknown."""
 
-
 MOST_CLOCK_STEPS = 8  # of joined units' clocks that are reported with a window
 
 
-def no_origins(_: Window) -> tuple[UnitOrigin, ...]:
-    """Of a window whose units are not known."""
-    return ()
+@dataclass(frozen=True, slots=True)
+class WindowContext:
+    """What every window of a turbine has in common."""
 
-
-def unknown_speed(*_: int) -> None:
-    """Of a rotor whose speed is not reported."""
+    settings: OmaSettings
+    rotor_speed: RotorSpeed
+    """Of a window by SCADA."""
+    limit: CpuLimit | None = None
+    """What a window may cost; None: whatever it does."""
 
 
 class WindowIdentification:
     """Cuts ordered pieces into windows and answers each.
 
-    columns   which channels are a unit's, where several are joined
-    origins   → where a window begins in its units' own counts
-    rotor_speed → the rotor's speed during a window by SCADA
-    limit     what a window may cost; None: whatever it does
+    Parameters
+    ----------
+    layouts : dict
+        By their ids.
+    origins : callable
+        → where a window begins in its units' own counts.
+    columns : dict, optional
+        Which channels are a unit's, where several are joined.
     """
 
     def __init__(
         self,
         turbine: str,
         unit: str,
-        settings: OmaSettings,
         layouts: dict[str, SensorLayout],
+        context: WindowContext,
         *,
+        origins: Origins,
         columns: ColumnsOfUnits | None = None,
-        origins: Origins = no_origins,
-        rotor_speed: RotorSpeed = unknown_speed,
-        limit: CpuLimit | None = None,
-    ):
-        self._work = WindowWork(limit)
+    ) -> None:
+        settings = context.settings
+        self._work = WindowWork(context.limit)
         self._turbine, self._unit = turbine, unit
         self._origins_of = origins
-        self._rotor_speed_of = rotor_speed
+        self._rotor_speed_of = context.rotor_speed
         self._unit_steps: list[tuple[str, ClockStep]] = []  # of joined units, since the last window
         self._cutter = WindowCutter(settings.window_duration, settings.hop)
         self._tracker = ModeTracker()
@@ -124,8 +129,7 @@ class WindowIdentification:
             yield from self._answers(window)
 
     def recall(self, answer: ModalEstimate | WindowRejected) -> None:
-        """Take up what an identification that has ended answered a window: its modes keep their
-        names."""
+        """Go on from the answer of an identification that has ended: modes keep their names."""
         if isinstance(answer, WindowRejected):
             self._tracker.missed()
             return
@@ -168,7 +172,7 @@ class WindowIdentification:
             self._stretch = None
 
     def _answers(self, window: Window) -> Iterator[Message]:
-        """A rejection; or an estimate, and the diagram behind it."""
+        """Yield a rejection; or an estimate, and the diagram behind it."""
         missing = self._missing_units(window)
         refusal = self._refusal(window, missing)
         if refusal is not None:
@@ -182,30 +186,30 @@ class WindowIdentification:
             if not self._work.exceeded:
                 result = self._identified(window, names, present if missing else None)
         refusal = self._work.refusal()
-        if refusal is not None or result is None:
-            assert refusal is not None
+        if refusal is not None:
             self._stretch = None
             yield self._rejected(window, refusal)
             return
-        answer = self._concluded(window, result, missing, present)
+        assert result is not None
+        answer = self._answer(window, result, missing, present)
         yield answer
         if isinstance(answer, ModalEstimate):
             diagram = stabilisation_diagram(answer, result.diagrams, result.refused)
             yield diagram_in_true_time(diagram, window.clock)
 
-    def _concluded(
+    def _answer(
         self, window: Window, result: Identification, missing: dict[str, float], present: list[int]
     ) -> ModalEstimate | WindowRejected:
-        """missing   units that lack samples [s];   present   channels that were identified"""
+        """missing: units that lack samples [s]; present: channels that were identified."""
         names = self._names(window)
         if result.rejection is not None:
             return self._rejected(window, result.rejection)
-        doubts = tuple(
+        absent = tuple(
             QualityWarning("missing-unit", _missing_text({unit: span}, f"unit {unit}"))
             for unit, span in missing.items()
         )
-        clocks = self._clock_doubts(window, result, missing) + self._step_warnings()
-        unusable = next((doubt for doubt in clocks if doubt.code == "unsynchronised-units"), None)
+        clocks = self._offset_warnings(window, result, missing) + self._step_warnings()
+        unusable = next((each for each in clocks if each.code == "unsynchronised-units"), None)
         if unusable is not None:
             return self._rejected(window, unusable)
         places = ChannelPlaces(tuple(present), window.samples.shape[1]) if missing else None
@@ -220,7 +224,7 @@ class WindowIdentification:
             channels=tuple(names[column] for column in present),
             modes=modes,
             weight=self._settings.hop / self._settings.window_duration,
-            warnings=result.warnings + _status_warnings(window.status) + doubts + clocks + events,
+            warnings=result.warnings + _status_warnings(window.status) + absent + clocks + events,
             origins=self._origins_of(window),
         )
 
@@ -279,22 +283,22 @@ class WindowIdentification:
             unit: count / window.sampling_rate for unit, count in lacking.items() if count > most
         }
 
-    def _clock_doubts(
+    def _offset_warnings(
         self, window: Window, result: Identification, missing: dict[str, float]
     ) -> tuple[QualityWarning, ...]:
-        """What the modes' phases say of the units' clocks, each against the first one's."""
+        """Offsets of the units' clocks against the first one's, by the modes' phases."""
         if missing or len(self._columns) < 2:
             return ()
         (reference, first), *others = self._columns.items()
-        doubts = []
+        warnings = []
         for unit, own in others:
             offset = unit_offset(window.samples, window.sampling_rate, result.modes, first, own)
             if offset is not None and offset.exceeds(NOTABLE):
-                doubts.append(_clock_doubt(unit, reference, offset))
-        return tuple(doubts)
+                warnings.append(_offset_warning(unit, reference, offset))
+        return tuple(warnings)
 
     def _refusal(self, window: Window, missing: dict[str, float]) -> QualityWarning | None:
-        """Why a window cannot be identified at all, before its samples are looked at."""
+        """Return why a window cannot be identified at all, before its samples are looked at."""
         if window.gaps and not window.samples.size:
             gap = max(window.gaps, key=lambda g: g.n_samples)
             others = f" ({len(window.gaps)} gaps in all)" if len(window.gaps) > 1 else ""
@@ -349,7 +353,7 @@ def _missing_text(missing: dict[str, float], who: str) -> str:
     return f"{who} is missing for {longest:.3g} s of the window; its channels are left out"
 
 
-def _clock_doubt(unit: str, reference: str, offset: UnitOffset) -> QualityWarning:
+def _offset_warning(unit: str, reference: str, offset: UnitOffset) -> QualityWarning:
     apart = (
         f"the stamps of unit {unit} are {1e3 * offset.seconds:+.2f} ± {1e3 * offset.std:.2f} ms "
         f"off those of unit {reference} by the phase of the modes"
@@ -362,7 +366,7 @@ def _clock_doubt(unit: str, reference: str, offset: UnitOffset) -> QualityWarnin
 
 
 def _status_warnings(status: BlockStatus) -> tuple[QualityWarning, ...]:
-    """What the unit itself reported of the window's blocks."""
+    """Return what the unit itself reported of the window's blocks."""
     warnings = []
     if status & BlockStatus.CLIPPED:
         warnings.append(

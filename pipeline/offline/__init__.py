@@ -1,1 +1,1 @@
-"""One recording, no run: identify, update, draw, describe."""
+"""One recording, no run: identify, calibrate, draw, describe, audit."""

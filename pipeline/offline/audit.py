@@ -32,7 +32,7 @@ class Audit:
 
     @property
     def violations(self) -> tuple[str, ...]:
-        """Where the books do not balance and files are damaged; none: all is proven."""
+        """Sentences on books that do not balance and damaged files; none: all is proven."""
         return (*self.damaged, *self.books.violations())
 
     @property
@@ -44,7 +44,7 @@ class Audit:
         return f"{self.folder}: {verdict}; {files}, {self.books.line}"
 
     def as_json(self) -> Json:
-        """All figures; names are stable."""
+        """Return all figures; names are stable."""
         return {
             "folder": str(self.folder),
             "files": self.n_files,
@@ -77,7 +77,7 @@ def audit(folder: Path) -> Audit:
 
 
 def _messages(file: Path) -> Iterator[Message]:
-    """Of a closed part all, its checksums verified; of one in writing what is there."""
+    """Yield a closed part's messages, checksums verified; of one in writing what is there."""
     if file.name.endswith(ACTIVE_SUFFIX):
         yield from readable_messages(file)
         return

@@ -15,7 +15,6 @@ from pipeline.messages import (
 )
 from pipeline.nodes.operating_state import usable_estimate
 from pipeline.recording.reader import read_messages
-from pipeline.runtime.runner import one_blas_thread
 from pipeline.scenario import Scenario
 from pipeline.sources.recorded_stream import recordings_in
 from pipeline.sources.sources import Source, replayed_with_structure
@@ -33,6 +32,7 @@ from pipeline.updating.structural.periods.calibration import (
 )
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import one_blas_thread
 from sensors.errors import InputError
 from sensors.json_values import Json
 from sensors.settings import toml_string
@@ -64,7 +64,7 @@ class TurbineCalibration:
         return self.alternatives[0]
 
     def as_json(self) -> Json:
-        """The entries of `calibrate --json`."""
+        """Return the entries of `calibrate --json`."""
         best = self.best
         logs, stds = best.log_springs
         medians, halves = best.departures
@@ -235,7 +235,7 @@ def _windows(sources: Sequence[Source], water_level: float) -> tuple[list[SeenWi
 
 
 def _estimates(source: Source) -> list[ModalEstimate]:
-    """Of the source's first turbine. Raises InputError where an event was recorded."""
+    """Return the first turbine's estimates. Raises InputError where an event was recorded."""
     assert source.recording is not None
     turbine, found = source.layout.turbine, []
     for file in recordings_in(source.recording):
@@ -253,7 +253,7 @@ def _estimates(source: Source) -> list[ModalEstimate]:
 
 
 def _seen(estimate: ModalEstimate, source: Source, water_level: float) -> SeenWindow | None:
-    """The window as evidence; None where it may not speak of the foundation."""
+    """Return the window as evidence; None where it may not speak of the foundation."""
     usable = usable_estimate(estimate, source.scenario.operation, source.layout)
     if isinstance(usable, WindowRejected):
         return None
@@ -289,14 +289,14 @@ def _sensors(layout: SensorLayout) -> tuple[object, ...]:
 
 
 def description_text(scenario: Scenario) -> str:
-    """The TOML text of a scenario's structure, as it is stored or shipped."""
+    """Return the TOML text of a scenario's structure, as it is stored or shipped."""
     name = scenario.turbine.description
     stored = dict(scenario.files).get(name)
     return turbine_text(name) if stored is None else stored
 
 
 def with_section(text: str, calibration: Calibration) -> str:
-    """A description's text with the calibration at its end, in place of an earlier one.
+    """Return a description's text with the calibration at its end, in place of an earlier one.
 
     Raises InputError where something else stands behind an earlier one: it would be lost.
     """

@@ -1,7 +1,9 @@
 """The files of a new project as texts: layout, scenario, description of the structure."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 from pipeline.scenario import NO_STRUCTURE
 from pipeline.updating.prior import Prior
@@ -11,10 +13,9 @@ from sensors.files.table import (
     UNSTATED,
     TimeColumn,
 )
-from sensors.settings import toml_string
+from sensors.settings import key_fields, toml_string
 from sensors.structure.decks.bmodes import read_bmodes
 from sensors.structure.decks.elastodyn import read_elastodyn
-from sensors.structure.decks.toml_text import description_toml
 from sensors.structure.decks.windio import read_windio
 from sensors.structure.description import (
     SHIPPED,
@@ -64,7 +65,7 @@ def structure_text(
 def _of_deck(
     path: Path, springs: FoundationSprings, subdyn: Path | None, mudline: float | None
 ) -> TurbineDescription:
-    """The turbine of another program's file."""
+    """Return the turbine of another program's file."""
     if subdyn is not None and path.suffix != DAT:
         raise InputError(f"--subdyn is for --structure NAME_ElastoDyn.dat, not for {path}")
     if mudline is not None and path.suffix == DAT:
@@ -79,7 +80,7 @@ def _of_deck(
 def layout_text(
     channels: Sequence[GuessedChannel], turbine: str, time: TimeColumn = UNSTATED
 ) -> str:
-    """The layout file of guessed channels, each with what it was read from."""
+    """Return the layout file of guessed channels, each with what it was read from."""
     lines = [
         "# Axes: x downwind (fore-aft), y to the side (side-side), z up from mean water level.",
         "# What was guessed stands beside each channel; correct it and run `pilewatch import`.",
@@ -101,7 +102,7 @@ def layout_text(
 
 
 def scenario_text(turbine: str, structure: str, duration: float) -> str:
-    """The scenario of a new project; a record shorter than a window is one window.
+    """Return the scenario of a new project; a record shorter than a window is one window.
 
     Parameters
     ----------
@@ -121,3 +122,62 @@ def scenario_text(turbine: str, structure: str, duration: float) -> str:
         return text
     window = int(duration)
     return f"{text}\n[oma]\nwindow_duration = {window}.0  # the record [s]\nhop = {window}.0\n"
+
+
+def description_toml(turbine: TurbineDescription) -> str:
+    """Return the whole description; numbers to twelve digits, what is left at its default left out.
+
+    Parameters
+    ----------
+    turbine : TurbineDescription
+        A structure.
+    """
+    table = _table(turbine)
+    scalars = {key: value for key, value in table.items() if not isinstance(value, dict)}
+    sections = {key: value for key, value in table.items() if isinstance(value, dict)}
+    lines = [f"{key} = {_value(value)}" for key, value in scalars.items()]
+    for name, section in sections.items():
+        lines += ["", f"[{name}]"]
+        lines += [f"{key} = {_value(value)}" for key, value in section.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _table(settings: Any) -> dict[str, Any]:
+    """Keys that differ from their defaults."""
+    found: dict[str, Any] = {}
+    defaults = {each.name: each.default for each in fields(settings)}
+    for each in key_fields(type(settings)):
+        value = getattr(settings, each.name)
+        if value is None or value == defaults[each.name] or value == ():
+            continue
+        found[each.name] = _plain(value)
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        return _table(value)
+    if isinstance(value, tuple):
+        return [_plain(each) for each in value]
+    return value
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        inner = ", ".join(f"{key} = {_value(each)}" for key, each in value.items())
+        return f"{{ {inner} }}"
+    if isinstance(value, list):
+        if value and isinstance(value[0], Mapping):
+            return "[\n" + "".join(f"  {_value(each)},\n" for each in value) + "]"
+        return f"[{', '.join(_value(each) for each in value)}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return f'"{escaped}"'
+    return f"{value:.12g}" if isinstance(value, int) else _number(float(value))
+
+
+def _number(value: float) -> str:
+    text = f"{value:.12g}"
+    return text if any(letter in text for letter in ".en") else f"{text}.0"

@@ -93,7 +93,7 @@ class Acknowledgements:
 
 
 def _with_block(runs: list[_Run], block: _Run) -> list[_Run]:
-    """The runs with one block more; the one that has it comes last."""
+    """Return the runs with one block more; the one that has it comes last."""
     if any(run.has(block) for run in reversed(runs)):
         return runs
     if runs and runs[-1].is_followed_by(block) and len(runs) == 1:  # as nearly always

@@ -38,7 +38,7 @@ class Stretch:
 
 
 def stretch_of(path: Path, unit: UnitInfo) -> Stretch:
-    """What a file holds of a unit's session."""
+    """Return what a file holds of a unit's session."""
     return Stretch(
         path,
         (unit.turbine, unit.unit),
@@ -125,7 +125,7 @@ def _boot_of(
 def _recorded_in_parts(
     stretches: Sequence[Stretch], boots: Sequence[list[int]]
 ) -> Iterable[list[list[int]]]:
-    """The boots of a unit that one recorder has written part by part, in its order."""
+    """Yield the boots of a unit that one recorder has written part by part, in its order."""
     found: dict[tuple[Path, tuple[str, str]], list[tuple[tuple[int, int], list[int]]]]
     found = defaultdict(list)
     for boot in boots:
@@ -138,7 +138,7 @@ def _recorded_in_parts(
 
 
 def recording_and_part(path: Path) -> tuple[Path, int]:
-    """The recording that a file is a part of, and the part's number, from 1."""
+    """Return the recording that a file is a part of, and the part's number, from 1."""
     found = _PART.search(path.stem)
     if found is None:
         return path, 1

@@ -51,7 +51,7 @@ class UnitInfo:
 
     @property
     def duration(self) -> float:
-        """From the first sample to the last, gaps included [s]."""
+        """Time from the first sample to the last, gaps included [s]."""
         return (self.end_ns - self.start_ns) / NANOSECONDS
 
 
@@ -70,7 +70,7 @@ class RecordingInfo:
 
     @property
     def duration(self) -> float:
-        """From the first sample of any unit to the last of any [s]; 0 without samples."""
+        """Time from the first sample of any unit to the last of any [s]; 0 without samples."""
         if not self.units:
             return 0.0
         first_ns = min(unit.start_ns for unit in self.units)
@@ -101,7 +101,7 @@ def recording_info(path: Path) -> RecordingInfo:
 
 
 def salvageable_info(path: Path) -> RecordingInfo:
-    """As `recording_info`, of the chunks that can be read; `damage` says which cannot.
+    """Return `recording_info` of the chunks that can be read; `damage` lists the others.
 
     Raises RecordingError where the file is missing or no recording, or nothing of it is left.
     """
@@ -120,7 +120,7 @@ def salvageable_info(path: Path) -> RecordingInfo:
 
 
 def _damage(remains: Remains, *, closed: bool) -> str:
-    """What cannot be read, and how much is left; "" where all can."""
+    """Return what cannot be read, and how much is left; "" where all can."""
     content = remains.counted()
     problems = []
     if not closed:

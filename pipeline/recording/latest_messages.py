@@ -95,7 +95,7 @@ def latest_messages(
 
 
 def latest_estimates(files: Sequence[Path], count: int) -> tuple[ModalEstimate, ...]:
-    """The latest estimates of each turbine, so many at most, in the order of recording."""
+    """Return the latest estimates of each turbine, so many at most, in the order of recording."""
     kept: list[ModalEstimate] = []  # the latest first
     counts: Counter[str] = Counter()
     for file in _newest_first(files)[:MOST_PARTS]:
@@ -213,7 +213,7 @@ class Repetition:
 
 
 def latest_payloads(files: Sequence[Path], count: int = READ_BACK) -> Iterator[bytes]:
-    """The last so many messages of recordings in order of recording, as they were sent.
+    """Return the last so many messages of recordings in order of recording, as they were sent.
 
     files   in order of recording; read from the end, and no further than needed
     """

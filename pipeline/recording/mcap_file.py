@@ -69,7 +69,7 @@ class RecordedMessage:
 
 
 def open_recording(path: Path) -> BinaryIO:
-    """The opened file. Raises RecordingError where it is missing or no recording at all."""
+    """Return the opened file. Raises RecordingError where it is missing or no recording at all."""
     try:
         file = path.open("rb")
     except OSError as error:
@@ -112,7 +112,7 @@ def counted_in_summary(path: Path, message_type: type) -> int | None:
 
 
 def summary_of(file: BinaryIO) -> Summary | None:
-    """The summary at the end of a file; None where there is none, or it is damaged."""
+    """Return the summary at the end of a file; None where there is none, or it is damaged."""
     if not _summary_holds(file):
         return None
     file.seek(0)
@@ -171,14 +171,14 @@ def record_offsets(file: BinaryIO) -> Iterator[tuple[int, int]]:
 
 
 def record_at(file: BinaryIO, offset: int) -> Record:
-    """The complete record that begins there."""
+    """Return the complete record that begins there."""
     file.seek(offset)
     opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
     return Record(offset, opcode, file.read(length))
 
 
 def chunk_payloads(record: Record) -> list[bytes]:
-    """The messages of one chunk in order, whatever they are, its checksum verified.
+    """Return the messages of one chunk in order, whatever they are, its checksum verified.
 
     Raises one of DAMAGE.
     """
@@ -188,7 +188,7 @@ def chunk_payloads(record: Record) -> list[bytes]:
 
 
 def checked_records(path: Path, file: BinaryIO) -> Iterator[Record]:
-    """Every record of the data section of a file that must be whole.
+    """Yield every record of the data section of a file that must be whole.
 
     Raises RecordingError after the last good record where the file is damaged, and at the end
     where its checksum does not hold.
@@ -225,7 +225,7 @@ class McapChannels:
                 self._add(channel)
 
     def messages(self, record: Record) -> list[RecordedMessage]:
-        """What one chunk holds of the table of streams, in order, its checksum verified.
+        """Return what one chunk holds of the table of streams, in order, its checksum verified.
 
         Raises one of DAMAGE.
         """

@@ -23,7 +23,7 @@ from pipeline.transport.errors import CodecError
 
 
 def read_messages(path: Path, message_types: Sequence[type] | None = None) -> Iterator[Message]:
-    """What was recorded, in the order of recording.
+    """Return what was recorded, in the order of recording.
 
     message_types   which to give; None: all
 
@@ -34,12 +34,12 @@ def read_messages(path: Path, message_types: Sequence[type] | None = None) -> It
 
 
 def recorded_messages(path: Path) -> Iterator[RecordedMessage]:
-    """As `read_messages`, not yet decoded and with the time of receiving."""
+    """Yield messages as `read_messages`, not yet decoded and with the time of receiving."""
     return _recorded(path, _opened_whole(path))
 
 
 def decoded(path: Path, recorded: RecordedMessage) -> Message:
-    """The message itself. Raises RecordingError where it cannot be read."""
+    """Return the message itself. Raises RecordingError where it cannot be read."""
     try:
         message: Message = decode(recorded.message_type, recorded.payload)
     except CodecError as error:

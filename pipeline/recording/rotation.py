@@ -37,7 +37,7 @@ _ENDING = (
 
 
 def part_of(path: Path, number: int) -> Path:
-    """The file that a session's recording goes on in; the first is `path` itself."""
+    """Return the file that a session's recording goes on in; the first is `path` itself."""
     return path if number == 1 else path.with_name(f"{path.stem}.part{number}{path.suffix}")
 
 
@@ -54,13 +54,13 @@ def next_part(path: Path) -> int:
 
 
 def parts_of(path: Path) -> list[Path]:
-    """The closed parts of one recording that still hold samples, in order of recording."""
+    """Return the closed parts of one recording that still hold samples, in order of recording."""
     numbered = range(1, next_part(path))
     return [part for number in numbered if (part := part_of(path, number)).exists()]
 
 
 def results_of(part: Path) -> Path:
-    """Where the results of a part stay when its samples have gone."""
+    """Return where the results of a part stay when its samples have gone."""
     return part.with_name(f"{part.stem}{RESULTS}{part.suffix}")
 
 

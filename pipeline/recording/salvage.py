@@ -41,7 +41,7 @@ class SalvagedContent:
 
     @property
     def recovered(self) -> str:
-        """For people, once it is done."""
+        """Return in words what was salvaged."""
         return f"{self._what}{self._damage}"
 
     @property
@@ -57,7 +57,7 @@ class SalvagedContent:
 
 
 def salvaged_name(source: Path) -> Path:
-    """Where the remains of a recording go unless another place is given."""
+    """Return where the remains of a recording go unless another place is given."""
     name = source.name.removesuffix(ACTIVE_SUFFIX)
     return source.parent / f"{name}.salvaged.mcap"
 
@@ -82,7 +82,7 @@ def salvage(source: Path, target: Path) -> SalvagedContent:
 
 
 def what_is_left(file: BinaryIO) -> SalvagedContent:
-    """How much of an unfinished file can be salvaged."""
+    """Return how much of an unfinished file can be salvaged."""
     remains = Remains()
     for recorded in remains.messages(file):
         remains.decoded(recorded)
@@ -99,7 +99,7 @@ class Remains:
         self._ends_ns: list[int] = []
 
     def messages(self, file: BinaryIO) -> Iterator[RecordedMessage]:
-        """What the complete chunks hold, in order, not yet decoded."""
+        """Yield what the complete chunks hold, in order, not yet decoded."""
         channels, summary = McapChannels(), summary_of(file)
         channels.learn(summary)
         for record in chunk_records(file, summary):
@@ -113,7 +113,7 @@ class Remains:
             yield from messages
 
     def decoded(self, recorded: RecordedMessage) -> Message | None:
-        """The message itself; None where it is not what its channel says."""
+        """Return the message itself; None where it is not what its channel says."""
         try:
             message: Message = decode(recorded.message_type, recorded.payload)
         except CodecError:
@@ -126,7 +126,7 @@ class Remains:
         return message
 
     def counted(self) -> SalvagedContent:
-        """What has been met until now."""
+        """Return what has been met until now."""
         span_ns = max(self._ends_ns, default=0) - min(self._starts_ns, default=0)
         return SalvagedContent(
             chunks=self._chunks,
@@ -138,7 +138,7 @@ class Remains:
 
 
 def remaining_messages(path: Path, message_types: Sequence[type]) -> Iterator[Message]:
-    """As `read_messages`, with what is damaged left out.
+    """Yield messages as `read_messages`, with what is damaged left out.
 
     Raises RecordingError where the file is missing or no recording at all.
     """

@@ -67,8 +67,8 @@ def blocks_in(path: Path) -> int:
         return 0
 
 
-def blocks_said_to_be_in(path: Path) -> int:
-    """What a finished recording says of itself, else `blocks_in`: a year's parts take no time."""
+def stated_blocks(path: Path) -> int:
+    """Return the blocks that a finished recording states; else `blocks_in`, which reads it."""
     try:
         counted = counted_in_summary(path, AccelerationBlock)
     except RecordingError:
@@ -120,17 +120,17 @@ class SessionRecorder:
             logger.warning("%s was left unfinished; it ends with its last whole chunk now", whole)
         self._number = next_part(path)
         earlier = parts_of(path)
-        self._recorded_before = sum(map(blocks_said_to_be_in, earlier))  # … the part being written
+        self._recorded_before = sum(map(stated_blocks, earlier))  # … the part being written
         self._acknowledgements = Acknowledgements()
         self._synced_ns = self._acknowledged_ns = clock()
         self._repetition = Repetition(latest_payloads(earlier))
         self._arrived: tuple[Message | None, bytes] = (None, b"")  # the latest, and its bytes
         self._checked_ns = 0
-        self._recorder: Recorder | None = self._begun(clock())
+        self._recorder: Recorder | None = self._started(clock())
 
     @property
     def path(self) -> Path:
-        """Of the part that is, or was last, written."""
+        """Path of the part that is, or was last, written."""
         return part_of(self._path, self._number)
 
     @property
@@ -206,7 +206,7 @@ class SessionRecorder:
         return self._repetition.is_known(key_of(message), self._bytes_of(message), kept=kept)
 
     def _bytes_of(self, message: Message) -> bytes:
-        """What it came in; encoded where that is not known."""
+        """Return what it came in; encoded where that is not known."""
         arrived, payload = self._arrived
         if arrived is message:
             return payload
@@ -222,7 +222,7 @@ class SessionRecorder:
         except OSError as error:
             self._stop(f"{error.strerror or error}")
 
-    def _begun(self, now_ns: int) -> Recorder:
+    def _started(self, now_ns: int) -> Recorder:
         self._began_ns = now_ns
         recorder = Recorder(self.path, metadata=self._metadata, clock=self._clock)
         for message in self._standing.values():
@@ -238,7 +238,7 @@ class SessionRecorder:
             ended = self._recorder
             ended.close()
             self._number += 1
-            self._recorder = self._begun(now_ns)
+            self._recorder = self._started(now_ns)
             self._recorded_before += ended.recorded[AccelerationBlock]
             thin(self._path, self._settings, now_ns)
         if abs(now_ns - self._checked_ns) >= ROOM_CHECKED_EVERY * NANOSECONDS:
@@ -263,7 +263,7 @@ class SessionRecorder:
             )
 
     def _stop(self, reason: str) -> None:
-        """Close the part with what the disk still takes, and say so from now on."""
+        """Close the part with what the disk still takes, and warn of it from now on."""
         assert self._recorder is not None
         self._acknowledgements.forget()
         recorder, self._recorder = self._recorder, None

@@ -138,7 +138,7 @@ class Recorder:
 
     @property
     def size(self) -> int:
-        """Of what has left the open chunk [bytes]."""
+        """Size of what has left the open chunk [bytes]."""
         return 0 if self._file.closed else self._file.tell()
 
     def abandon(self) -> None:

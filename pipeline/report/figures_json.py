@@ -4,7 +4,7 @@ from pipeline.report.recorded_session import RecordedSession, TurbineRecord
 from pipeline.report.sentences import condition, findings, headline, reasons_for_distrust
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks
 from pipeline.state.posterior_json import stiffness_summary
-from sensors.json_values import Json, known
+from sensors.json_values import Json, fields_of, known, with_nulls
 
 
 def session_json(session: RecordedSession) -> Json:
@@ -36,12 +36,7 @@ def _turbine(record: TurbineRecord) -> Json:
 
 def _stiffness_over_time(record: TurbineRecord) -> list[Json]:
     return [
-        {
-            "time_ns": posterior.time_ns,
-            "window": posterior.window,
-            "trusted": posterior.trusted,
-            "change_probability": known(posterior.change_probability),
-        }
+        fields_of(posterior, "time_ns", "window", "trusted", "change_probability")
         | {
             spring.name: stiffness_summary(spring, record.true_stiffness(spring.name, time_ns))
             for spring in posterior.parameters
@@ -57,6 +52,6 @@ def _track(track: FrequencyTrack) -> Json:
         "model": track.model or None,
         "model_frequency_hz": known(track.model_frequency),
         "time_ns": track.times_ns.tolist(),
-        "frequency_hz": [known(each) for each in track.frequencies],
-        "frequency_std_hz": [known(each) for each in track.stds],
+        "frequency_hz": with_nulls(track.frequencies.tolist()),
+        "frequency_std_hz": with_nulls(track.stds.tolist()),
     }

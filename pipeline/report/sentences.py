@@ -226,7 +226,7 @@ def _rejected_windows(record: TurbineRecord) -> Iterator[str]:
 
 
 def _books(record: TurbineRecord) -> Iterator[str]:
-    """What the books cannot account for, and posteriors that do not come."""
+    """Yield what the books cannot account for, and posteriors that do not come."""
     books = record.run.books
     violations = books.violations(record.turbine)
     if violations:
@@ -292,7 +292,7 @@ def sentence(text: str) -> str:
 
 
 def structure_sentence(posterior: FoundationPosterior) -> str:
-    """How the structure was taken, and what makes the intervals."""
+    """Return how the structure was taken, and what makes the intervals."""
     if posterior.structure != "uncertain":
         return (
             "The structure is taken as exactly known, as its scenario has it: its errors are not "

@@ -181,7 +181,7 @@ def channels_table(record: TurbineRecord) -> TextTable:
 
 
 def _remark(statistics: ChannelStatistics, typical: float) -> str:
-    """What a channel's statistics show by themselves; warnings of windows stand below."""
+    """Return what a channel's statistics show by themselves; warnings of windows stand below."""
     if statistics.missing >= 1.0:
         return "no sample"
     if statistics.deviation <= FLAT_SHARE * typical:

@@ -312,7 +312,7 @@ def _posteriors(
     samples: int,
     report: ShareReport,
 ) -> tuple[ExamplePosterior, ExamplePosterior]:
-    """By TMCMC as published, and by the corrected one, of the pairs that were found.
+    """Return the posteriors of the found pairs by TMCMC as published and by the corrected one.
 
     start   (3,) ratios k / nominal at which they were found
     """

@@ -22,7 +22,7 @@ LIKE_TABLE_1 = 1.5  # rms of the model's frequencies to the printed ones, by whi
 
 
 def findings(study: Study) -> list[str]:
-    """One paragraph a subject, in the order of the publication.
+    """Return one paragraph a subject, in the order of the publication.
 
     Every conclusion depends on the run's own figures: one that is false of this run is not drawn.
     """
@@ -41,7 +41,7 @@ def findings(study: Study) -> list[str]:
 
 
 def _percent_apart(example: Example) -> list[float]:
-    """Of the model's frequencies at K0 from the printed ones [%]."""
+    """Return differences of the model's frequencies at K0 from the printed ones [%]."""
     return [
         100.0 * (ours.model_frequency / theirs.model_frequency - 1)
         for ours, theirs in zip(example.modes, TABLE_1, strict=True)
@@ -72,7 +72,7 @@ def _modes_found(example: Example) -> str:
 
 
 def _why_missing(mode: ExampleMode, example: Example) -> str:
-    """What the model's frequencies say of it; else what is left."""
+    """Return what the model's frequencies say of it; else what is left."""
     others = [each for each in example.modes if each.label != mode.label]
     nearest = min(others, key=lambda each: abs(each.model_frequency - mode.model_frequency))
     gap = abs(nearest.model_frequency - mode.model_frequency)

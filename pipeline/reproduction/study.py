@@ -9,11 +9,10 @@ from multiprocessing import get_context
 import numpy as np
 from scipy.signal import find_peaks
 from scipy.stats import gaussian_kde
-from threadpoolctl import threadpool_limits
 
 from pipeline.reproduction.example import Example, ExamplePosterior, run_example
 from pipeline.reproduction.paper import LABELS, SAMPLES
-from sensors.arrays import FloatArray
+from sensors.arrays import FloatArray, one_blas_thread
 from sensors.structure.foundation import SPRING_SIGNS, SpringSign
 
 PROCESSES = 2
@@ -100,7 +99,7 @@ def _one(
         if share - shares.get((sign, seed), 0.0) > NOTABLE_STEP:
             shares[sign, seed] = share
 
-    with threadpool_limits(limits=1):
+    with one_blas_thread():
         return run_example(seed, sign, samples=samples, report=report)
 
 
@@ -122,7 +121,7 @@ def n_peaks(posterior: ExamplePosterior) -> int:
 
 
 def found_counts(examples: Sequence[Example]) -> dict[str, int]:
-    """In how many seeds each of the eleven modes was found."""
+    """Return in how many seeds each of the eleven modes was found."""
     return {
         label: sum(np.isfinite(example.modes[row].frequency) for example in examples)
         for row, label in enumerate(LABELS)

@@ -61,7 +61,7 @@ def open_hub(meeting: ZenohEndpoints, node: StatusNode, key: str, out: Path) -> 
 
 
 def bus_options(settings: ZenohSettings) -> list[str]:
-    """The settings of a bus as they are given on the command line."""
+    """Return the settings of a bus as they are given on the command line."""
     given = [("--connect", endpoint) for endpoint in settings.connect]
     given += [("--listen", endpoint) for endpoint in settings.listen]
     if settings.mode != "peer":

@@ -80,7 +80,7 @@ def owned(
 
 
 def epoch_of(out: Path) -> int:
-    """Of the run that owns a folder, for the node processes that it has started; 0 of none."""
+    """Return the epoch of the run that owns a folder, for node processes of it; 0 without one."""
     try:
         content = json.loads((out / LOCK).read_text())
         return int(content["epoch"])

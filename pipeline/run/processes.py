@@ -19,7 +19,7 @@ SHARED = ("identification", "updating")  # nodes whose turbines several processe
 def processes(
     plan: Plan, command: Sequence[str], shards: int, *, inherited: Sequence[int] = ()
 ) -> list[SupervisedProcess]:
-    """The node in a process, or its shares of the turbines in one each.
+    """Return the node in a process, or its shares of the turbines in one each.
 
     inherited   file descriptors that the processes keep open, such as the folder's lock
     """

@@ -4,7 +4,7 @@ properly and the summary reports what is known."""
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +14,14 @@ from pipeline.messages import Message
 from pipeline.monitoring.alarms.alarm_node import ALARMS_KEY, AlarmNode, running_alarm_node
 from pipeline.monitoring.alarms.alarm_node import FOLDER as NOTICES
 from pipeline.monitoring.alarms.channels import channels_of
-from pipeline.monitoring.alarms.delivery_metrics import delivery_families
-from pipeline.monitoring.metrics import MetricsNode, served
+from pipeline.monitoring.metrics import MetricsNode, delivery_families, served
 from pipeline.monitoring.status import STATUS_KEY, StatusNode
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.nodes.node import Node, Plan
 from pipeline.nodes.sharding import ShardedNode, parsed_shard
 from pipeline.recording.latest_messages import files_of
 from pipeline.recording.rotation import raw_files
-from pipeline.run.endpoints import meeting_point, open_hub
+from pipeline.run.endpoints import ZenohEndpoints, meeting_point, open_hub
 from pipeline.run.folder import (
     PICTURES,
     RECORDING,
@@ -39,18 +38,18 @@ from pipeline.run.ownership import Ownership, epoch_of, owned
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
 from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
 from pipeline.runtime.node_thread import NodeThread, open_session, serve
-from pipeline.runtime.runner import one_blas_thread, run_lock_step, run_workers
+from pipeline.runtime.runner import run_lock_step, run_workers
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
-from pipeline.runtime.source_feed import Worker
+from pipeline.runtime.source_feed import BlockReport, Worker
 from pipeline.runtime.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.sources.feed_publisher import FeedAccount
 from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
 from pipeline.sources.sources import Source
-from pipeline.transport.bus import Bus
 from pipeline.transport.zenoh_bus import ZenohBus
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput, require_rerun
 from sensors.acquisition.blocks import AccelerationBlock
+from sensors.arrays import one_blas_thread
 from sensors.errors import InputError
 from sensors.json_values import Json
 
@@ -69,68 +68,133 @@ def run_session(
     source: Source,
     options: SessionOptions,
     *,
-    report: Callable[[AccelerationBlock], None] | None = None,
+    report: BlockReport | None = None,
     scenario_option: str | None = None,
     stopping: threading.Event | None = None,
 ) -> FinishedRun:
     """Run a source through the whole graph and write recording, pictures and summary.
 
-    report            called with every block that the source gives
-    scenario_option   as the person named it, for nodes in other processes
-    stopping          ends the session when set (Ctrl-C, SIGTERM)
+    Parameters
+    ----------
+    report : callable, optional
+        Called with every block that the source gives.
+    scenario_option : str, optional
+        As the person named it, for nodes in other processes.
+    stopping : threading.Event, optional
+        Ends the session when set (Ctrl-C, SIGTERM).
 
-    Raises InputError for what a person can correct, NodeFailed for what must be looked into.
+    Raises
+    ------
+    InputError
+        For what a person can correct.
+    NodeFailed
+        For what must be looked into.
     """
     make_folder(options.out)
     with owned(options.out) as ownership:
-        return _run_owned(
-            source,
-            options,
-            ownership,
-            report=report,
-            scenario_option=scenario_option,
-            stopping=stopping,
-        )
+        source = prepare_folder(source, options.out)
+        run = _Run(source, options, ownership, report, scenario_option, stopping)
+        return run.finished()
 
 
-def _run_owned(
-    source: Source,
-    options: SessionOptions,
-    ownership: Ownership,
-    *,
-    report: Callable[[AccelerationBlock], None] | None,
-    scenario_option: str | None,
-    stopping: threading.Event | None,
-) -> FinishedRun:
-    started = time.monotonic()
-    source = prepare_folder(source, options.out)
-    if options.fresh or not source.is_live:  # a replay is an experiment of its own
-        set_checkpoints_aside(options.out)
-        set_tracks_aside(options.out)
-    goes_on = source.is_live and not options.fresh
-    outputs = session_outputs(
-        source,
-        options,
-        tuple(raw_files(options.out / RECORDING)) if goes_on else (),
-        epoch=ownership.epoch,
-    )
-    summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """A run of a folder that this process owns; see `run_session`."""
 
-    def account(block: AccelerationBlock) -> None:
-        if not source.is_live:  # there it counts what it receives
-            summary.count(block)
-        if report:
-            report(block)
+    source: Source
+    options: SessionOptions
+    ownership: Ownership
+    report: BlockReport | None
+    scenario_option: str | None
+    stopping: threading.Event | None
 
-    try:
-        with ExitStack() as stack:
-            sinks = (summary, *_sinks_beside(options, stack))
-            _run(source, options, outputs, sinks, account, scenario_option, stopping, ownership)
-    finally:
-        figures = summary.as_json(wall=time.monotonic() - started)
-        complete = write_summary(options.out / SUMMARY, figures)
-    files = tuple(options.out / name for name in (RECORDING, PICTURES, SUMMARY))
-    return FinishedRun(summary, figures, tuple(path for path in files if path.exists()), complete)
+    def finished(self) -> FinishedRun:
+        """Run until the source has ended; what came out."""
+        started = time.monotonic()
+        source, out = self.source, self.options.out
+        if self.options.fresh or not source.is_live:  # a replay is an experiment of its own
+            set_checkpoints_aside(out)
+            set_tracks_aside(out)
+        goes_on = source.is_live and not self.options.fresh
+        earlier = tuple(raw_files(out / RECORDING)) if goes_on else ()
+        outputs = session_outputs(source, self.options, earlier, epoch=self.ownership.epoch)
+        summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
+        try:
+            with ExitStack() as stack:
+                self._run(outputs, summary, (summary, *_sinks_beside(self.options, stack)))
+        finally:
+            figures = summary.as_json(wall=time.monotonic() - started)
+            complete = write_summary(out / SUMMARY, figures)
+        written = (out / name for name in (RECORDING, PICTURES, SUMMARY))
+        files = tuple(path for path in written if path.exists())
+        return FinishedRun(summary, figures, files, complete)
+
+    def _run(self, outputs: Outputs, summary: SessionSummary, sinks: Sequence[Node]) -> None:
+        source, options = self.source, self.options
+        graph = build(source.scenario, source.layout, outputs, source.layouts)
+        require_processes(options)
+        graph = _here(graph, source, options.elsewhere)
+
+        def count(block: AccelerationBlock) -> None:
+            if not source.is_live:  # there the summary counts what it receives
+                summary.count(block)
+            if self.report:
+                self.report(block)
+
+        if options.way != "lock-step":
+            return self._run_on_bus(graph, sinks, count)
+        if source.is_live:
+            raise InputError("--lock-step cannot run a live source: it waits for nobody")
+        nodes = [*(plan.make() for plan in graph), *sinks]
+        messages = source.messages(options.speed, self.stopping)
+        return run_lock_step(messages, nodes, turbine=source.layout.turbine, report=count)
+
+    def _run_on_bus(
+        self, graph: Sequence[Plan], sinks: Sequence[Node], report: BlockReport
+    ) -> None:
+        source, options, stopping = self.source, self.options, self.stopping
+        meeting, turbine = meeting_point(options.zenoh), source.layout.turbine
+        follows = options.speed == float("inf") and not source.is_live
+        status = StatusNode(source.text)
+        control = ReplayControl(source, options.speed, stopping)
+        # The hub first: a port that is taken is reported before a node has started a file.
+        with open_hub(meeting, status, f"{STATUS_KEY}/{turbine}", options.out) as bus:
+            workers = [
+                *self._workers(graph, meeting),
+                *_threads((*sinks, status), meeting, turbine),
+            ]
+            for each in sinks:
+                if isinstance(each, AlarmNode):
+                    bus.answer(f"{ALARMS_KEY}/{turbine}", each.answer)
+            if not source.is_live:
+                bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
+            run_workers(
+                _messages(source, control, stopping),
+                workers,
+                bus,
+                turbine=turbine,
+                unacknowledged_blocks=UNACKNOWLEDGED_BLOCKS if follows else None,
+                report=report,
+                stopping=stopping,
+            )
+
+    def _workers(self, graph: Sequence[Plan], meeting: ZenohEndpoints) -> Iterator[Worker]:
+        """The nodes of the graph: in processes, which inherit the folder's lock, or in threads."""
+        if self.options.way != "processes":
+            nodes = (plan.make() for plan in graph)
+            yield from _threads(nodes, meeting, self.source.layout.turbine)
+            return
+        held = (self.ownership.descriptor,)
+        for plan in graph:
+            command = node_command(
+                plan.name, self.source, self.options, meeting.nodes, self.scenario_option
+            )
+            yield from processes(plan, command, self.options.shards, inherited=held)
+
+
+def _threads(nodes: Iterable[Node], meeting: ZenohEndpoints, turbine: str) -> Iterator[Worker]:
+    for node in nodes:
+        yield NodeThread(node, lambda: ZenohBus(meeting.nodes), turbine)
 
 
 def _sinks_beside(options: SessionOptions, stack: ExitStack) -> Iterator[Node]:
@@ -154,7 +218,7 @@ def _sinks_beside(options: SessionOptions, stack: ExitStack) -> Iterator[Node]:
 def session_outputs(
     source: Source, options: SessionOptions, earlier: tuple[Path, ...] = (), *, epoch: int = 0
 ) -> Outputs:
-    """The files and viewers of a session. Raises ViewerError where rerun is missing.
+    """Return the files and viewers of a session. Raises ViewerError where rerun is missing.
 
     earlier   recordings in which nodes find what they have not answered yet
     epoch     number of the run, by its folder's lock
@@ -179,77 +243,8 @@ def session_outputs(
     )
 
 
-def _run(
-    source: Source,
-    options: SessionOptions,
-    outputs: Outputs,
-    sinks: Sequence[Node],
-    report: Callable[[AccelerationBlock], None],
-    scenario_option: str | None,
-    stopping: threading.Event | None,
-    ownership: Ownership,
-) -> None:
-    graph = build(source.scenario, source.layout, outputs, source.layouts)
-    require_processes(options)
-    graph = _here(graph, source, options.elsewhere)
-    if options.way == "lock-step":
-        if source.is_live:
-            raise InputError("--lock-step cannot run a live source: it waits for nobody")
-        nodes = [*(plan.make() for plan in graph), *sinks]
-        messages = source.messages(options.speed, stopping)
-        return run_lock_step(messages, nodes, turbine=source.layout.turbine, report=report)
-    _run_on_bus(
-        graph, source, options, sinks, report, scenario_option, stopping, ownership.descriptor
-    )
-
-
-def _run_on_bus(
-    graph: Sequence[Plan],
-    source: Source,
-    options: SessionOptions,
-    sinks: Sequence[Node],
-    report: Callable[[AccelerationBlock], None],
-    scenario_option: str | None,
-    stopping: threading.Event | None,
-    held: int,
-) -> None:
-    """held: descriptor of the folder's lock, which a node's process inherits."""
-    meeting, turbine = meeting_point(options.zenoh), source.layout.turbine
-
-    def open_bus() -> Bus:
-        return ZenohBus(meeting.nodes)
-
-    follows = options.speed == float("inf") and not source.is_live
-    status = StatusNode(source.text)
-    control = ReplayControl(source, options.speed, stopping)
-    # The hub first: a port that is taken is reported before a node has started a file.
-    with open_hub(meeting, status, f"{STATUS_KEY}/{turbine}", options.out) as bus:
-        workers: list[Worker] = []
-        if options.way == "processes":
-            for plan in graph:
-                command = node_command(plan.name, source, options, meeting.nodes, scenario_option)
-                workers += processes(plan, command, options.shards, inherited=(held,))
-        else:
-            workers += [NodeThread(plan.make(), open_bus, turbine) for plan in graph]
-        workers += [NodeThread(each, open_bus, turbine) for each in (*sinks, status)]
-        for each in sinks:
-            if isinstance(each, AlarmNode):
-                bus.answer(f"{ALARMS_KEY}/{turbine}", each.answer)
-        if not source.is_live:
-            bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
-        run_workers(
-            _messages(source, control, stopping),
-            workers,
-            bus,
-            turbine=turbine,
-            unacknowledged_blocks=UNACKNOWLEDGED_BLOCKS if follows else None,
-            report=report,
-            stopping=stopping,
-        )
-
-
 def _here(graph: tuple[Plan, ...], source: Source, elsewhere: Sequence[str]) -> tuple[Plan, ...]:
-    """The graph without the nodes that other machines run."""
+    """Return the graph without the nodes that other machines run."""
     names = [plan.name for plan in graph]
     for name in elsewhere:
         if name not in names:
@@ -262,7 +257,7 @@ def _here(graph: tuple[Plan, ...], source: Source, elsewhere: Sequence[str]) -> 
 def _messages(
     source: Source, control: ReplayControl, stopping: threading.Event | None
 ) -> Iterator[Message] | None:
-    """What the session publishes itself; None where the instruments do."""
+    """Return what the session publishes itself; None where the instruments do."""
     if source.feed is not None:
         return FeedAccount(source.feed, source.layout).messages(stopping or threading.Event())
     return None if source.is_live else control.messages()
@@ -277,13 +272,21 @@ def run_node(
     *,
     tied: bool = False,
 ) -> None:
-    """One node of the graph by itself, until `stopping` is set.
+    """Run one node of the graph by itself, until `stopping` is set.
 
-    shard   "2/4": of the turbines, those that are the second of four such nodes'
-    tied    the node is a run's, which owns the folder
+    Parameters
+    ----------
+    shard : str, optional
+        "2/4": of the turbines, those that are the second of four such nodes'.
+    tied : bool, optional
+        Whether the node is a run's, which owns the folder.
 
-    Raises InputError for a node that the graph does not have or that cannot be shared, NodeFailed
-    for one that failed.
+    Raises
+    ------
+    InputError
+        For a node that the graph does not have or that cannot be shared.
+    NodeFailed
+        For one that failed.
     """
     make_folder(options.out)
     with ExitStack() as stack:
@@ -291,27 +294,17 @@ def run_node(
         if not tied:
             what = f"node {name}" if shard is None else f"node {name} {shard}"
             epoch = stack.enter_context(owned(options.out, what)).epoch
-        _run_owned_node(name, source, options, stopping, shard, epoch)
-
-
-def _run_owned_node(
-    name: str,
-    source: Source,
-    options: SessionOptions,
-    stopping: threading.Event,
-    shard: str | None,
-    epoch: int,
-) -> None:
-    recording = options.out / RECORDING
-    earlier = () if options.fresh else tuple({*raw_files(recording), *files_of(recording)})
-    outputs = session_outputs(source, options, earlier, epoch=epoch)
-    graph = build(source.scenario, source.layout, outputs, source.layouts)
-    plans = {plan.name: plan for plan in graph}
-    if name not in plans:
-        raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
-    if shard is not None and name not in SHARED:
-        raise InputError(f"--shard is for {' and '.join(SHARED)}, not for {name}")
-    with one_blas_thread(), open_session(lambda: ZenohBus(options.zenoh)) as bus:
+        recording = options.out / RECORDING
+        earlier = () if options.fresh else tuple({*raw_files(recording), *files_of(recording)})
+        outputs = session_outputs(source, options, earlier, epoch=epoch)
+        graph = build(source.scenario, source.layout, outputs, source.layouts)
+        plans = {plan.name: plan for plan in graph}
+        if name not in plans:
+            raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
+        if shard is not None and name not in SHARED:
+            raise InputError(f"--shard is for {' and '.join(SHARED)}, not for {name}")
+        stack.enter_context(one_blas_thread())
+        bus = stack.enter_context(open_session(lambda: ZenohBus(options.zenoh)))
         if options.fresh and name == "updating":
             set_checkpoints_aside(options.out)
         if options.fresh and name == "identification":

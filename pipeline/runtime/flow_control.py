@@ -78,7 +78,7 @@ class Quiet:
 
 
 def _taken(status: NodeStatus) -> tuple[MessageCount, ...]:
-    """What a node has taken, but for statuses, which never end."""
+    """Return what a node has taken, but for statuses, which never end."""
     return tuple(each for each in status.received if each.message != NodeStatus.__name__)
 
 

@@ -1,5 +1,6 @@
 """A node served in a thread: its messages in, its answers and statuses out."""
 
+import ctypes
 import logging
 import math
 import threading
@@ -10,7 +11,6 @@ from contextlib import contextmanager
 from pipeline.nodes.node import Node
 from pipeline.nodes.statistics import NodeAccount
 from pipeline.runtime.errors import NodeFailed
-from pipeline.runtime.freed_memory import FreedMemory
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -22,6 +22,38 @@ STATUS_BLOCKS = 16  # a status at the latest after so many blocks, so that the s
 DRAINED_WITHIN = 2.0  # what a node has received when it is asked to stop [s]
 STOPPED_WITHIN = 7.0  # all nodes, together; what remains of ten seconds is the summary's [s]
 LEAST_PATIENCE = 0.2  # with the last of them [s]
+TRIM_PERIOD = 60.0  # between two returns of freed memory [s]
+
+
+class FreedMemory:
+    """Returns to the system what this process has freed, at most once in `TRIM_PERIOD`.
+
+    A window of samples leaves as many short-lived arrays as long-lived results; glibc's allocator
+    keeps the holes between them for later, and a node that runs for months grows by them. Other C
+    libraries return them by themselves. It takes some milliseconds. Source: malloc_trim(3).
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._next = clock() + TRIM_PERIOD
+        self._trim = _allocator_trim()
+
+    def give_back(self) -> bool:
+        """Return it if it is time to; report whether it was."""
+        if self._clock() < self._next:
+            return False
+        self._trim(0)
+        self._next = self._clock() + TRIM_PERIOD
+        return True
+
+
+def _allocator_trim() -> Callable[[int], object]:
+    """Return the allocator's own function; one that does nothing where there is none."""
+    try:
+        trim: Callable[[int], object] = ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):  # musl, macOS; Windows
+        return lambda _: None
+    return trim
 
 
 class NodeThread(threading.Thread):

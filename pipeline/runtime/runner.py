@@ -15,10 +15,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-
-from threadpoolctl import threadpool_limits
+from collections.abc import Iterable, Sequence
 
 from pipeline.messages import Message
 from pipeline.nodes.node import Node
@@ -28,6 +25,7 @@ from pipeline.runtime.source_feed import BlockReport, RunEnded, SourceFeed, Work
 from pipeline.transport.bus import Bus
 from pipeline.transport.codec import decode, encode
 from sensors.acquisition.blocks import AccelerationBlock
+from sensors.arrays import one_blas_thread
 
 logger = logging.getLogger(__name__)
 
@@ -111,7 +109,7 @@ def run_workers(
 
 
 def _kept_for_others(workers: Sequence[Worker]) -> list[float]:
-    """Of the time in which all stop, what each leaves to those behind it [s].
+    """Return how much of the time in which all stop each leaves to those behind it [s].
 
     They stop in the order of the flow: the recorder sees the others stop.
     """
@@ -119,11 +117,3 @@ def _kept_for_others(workers: Sequence[Worker]) -> list[float]:
     recorder = names.index(RECORDER) if RECORDER in names else len(names) - 1
     kept = [KEPT_FOR_RECORDER] * recorder + [KEPT_FOR_LAST] * (len(names) - recorder)
     return [*kept[:-1], 0.0]
-
-
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """One thread in numpy's linear algebra: small matrices are faster so, and sums do not depend
-    on how many cores there are, hence neither do results."""
-    with threadpool_limits(limits=1):
-        yield

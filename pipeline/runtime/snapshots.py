@@ -76,7 +76,7 @@ class SnapshotFolder:
         self._epoch = epoch
 
     def file_of(self, turbine: str) -> Path:
-        """Where the turbine's snapshot lies, if it has one."""
+        """Return where the turbine's snapshot lies, if it has one."""
         return self._path / f"{self._node}-{_in_file_names(turbine)}.checkpoint"
 
     def write(self, turbine: str, snapshot: NodeSnapshot) -> None:
@@ -109,7 +109,7 @@ class SnapshotFolder:
             longest_left.unlink(missing_ok=True)
 
     def read(self, turbine: str) -> NodeSnapshot | None:
-        """The turbine's snapshot; None where there is none.
+        """Return the turbine's snapshot; None where there is none.
 
         Raises CheckpointError: another version, another turbine, damaged, or none at all.
         """
@@ -136,7 +136,7 @@ def _renewed(path: Path) -> int:
 
 
 def _epoch_in(path: Path) -> int:
-    """Of a snapshot on disk; 0 where it states none."""
+    """Return the epoch of a snapshot on disk; 0 where it states none."""
     try:
         with path.open("rb") as file:
             words = file.readline(1000).split(b" ")
@@ -146,7 +146,7 @@ def _epoch_in(path: Path) -> int:
 
 
 def _in_file_names(turbine: str) -> str:
-    """The turbine's id as every file system takes it, whatever it is called."""
+    """Return the turbine's id as every file system takes it, whatever it is called."""
     name = quote(turbine, safe=" ")
     if len(name) <= LONGEST_NAME:
         return name
@@ -154,7 +154,7 @@ def _in_file_names(turbine: str) -> str:
 
 
 def written(turbine: str, snapshot: NodeSnapshot, epoch: int = 0) -> bytes:
-    """A snapshot as a file's bytes."""
+    """Return a snapshot as a file's bytes."""
     sections = [(type(each).__name__, encode(each)) for each in snapshot.messages]
     sections.append((STATE_SECTION, snapshot.state))
     body = b"".join(f"{len(content)} {name}\n".encode() + content for name, content in sections)
@@ -166,7 +166,7 @@ def written(turbine: str, snapshot: NodeSnapshot, epoch: int = 0) -> bytes:
 
 
 def parsed(content: bytes, turbine: str | None, origin: str) -> NodeSnapshot:
-    """The snapshot in a file's bytes, of that turbine or of any. Raises CheckpointError."""
+    """Return the snapshot in a file's bytes, of that turbine or of any. Raises CheckpointError."""
     head, _, body = content.partition(b"\n")
     words = head.decode(errors="replace").split(" ", 4)
     header, version, _, checksum, name = words + [""] * (5 - len(words))

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Protocol
 
-from pipeline.messages import Message, NodeStatus, StreamEnd
-from pipeline.nodes.statistics import heard_blocks, message_counts
+from pipeline.messages import Message, NodeStatus, StreamEnd, message_counts
+from pipeline.nodes.statistics import received_blocks
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.flow_control import Credit, Quiet, is_drained
 from pipeline.runtime.node_thread import STOPPED_WITHIN
@@ -155,11 +155,11 @@ class SourceFeed:
         """Nodes that have not received the first block although its time is over [s, monotonic]."""
         if since is None or time.monotonic() - since < FIRST_BLOCK_TIMEOUT:
             return []
-        return [name for name in takers if not heard_blocks(self._latest.get(name))]
+        return [name for name in takers if not received_blocks(self._latest.get(name))]
 
 
 def source_status(turbine: str, published: Counter[str]) -> NodeStatus:
-    """The source's last word: what it published in all."""
+    """Return the source's last word: what it published in all."""
     return NodeStatus(
         turbine=turbine,
         node=SOURCE,
@@ -171,7 +171,7 @@ def source_status(turbine: str, published: Counter[str]) -> NodeStatus:
 
 
 def with_end(source: Iterable[Message]) -> Iterator[Message]:
-    """The source's messages, then one StreamEnd per unit and session, of its last boot."""
+    """Yield the source's messages, then one StreamEnd per unit and session, of its last boot."""
     last: dict[tuple[str, str, str], AccelerationBlock] = {}
     numbers: dict[tuple[str, str, str, int], Intervals] = {}  # of each boot's blocks
     boots: dict[tuple[str, str, str], BootCounter] = {}

@@ -39,7 +39,7 @@ class BackOff:
     proven: float = 60.0  # a node that ran so long counts from zero again [s]
 
     def delay(self, failures: int) -> float:
-        """Before the start that follows this many failures in a row [s]."""
+        """Return the wait before the start that follows so many failures in a row [s]."""
         return min(self.longest, self.first * 2.0 ** (failures - 1))
 
 
@@ -79,7 +79,7 @@ class SupervisedProcess:
 
     @property
     def pid(self) -> int | None:
-        """Of the process that runs; None while there is none."""
+        """Id of the process that runs; None while there is none."""
         return None if self._process is None else self._process.pid
 
     def start(self) -> None:
@@ -138,12 +138,12 @@ class SupervisedProcess:
         self._process = None
         ran = self._clock() - self._started
         self._failures = 1 if ran >= self._back_off.proven else self._failures + 1
-        said = f"node {self.name} ended by itself with exit code {code}"
+        text = f"node {self.name} ended by itself with exit code {code}"
         if code == MISTAKE or self._failures > self._back_off.attempts:
-            raise NodeFailed(said)
+            raise NodeFailed(text)
         delay = self._back_off.delay(self._failures)
         self._due = self._clock() + delay
-        logger.warning("%s after %.1f s; it is started again in %g s", said, ran, delay)
+        logger.warning("%s after %.1f s; it is started again in %g s", text, ran, delay)
 
 
 def _let_go(process: "subprocess.Popen[bytes]") -> None:

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from pipeline.nodes.updating import TurbineUpdating, UpdatingNode
 from pipeline.recording.latest_messages import latest_estimates
-from pipeline.runtime.runner import one_blas_thread
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.scenario import Scenario, farm_members
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import one_blas_thread
 from sensors.dynamics.modal_model import ModalModel
 
 MOST_UNANSWERED = 100  # windows by which an updating may be behind when it is killed

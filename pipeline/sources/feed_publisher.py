@@ -14,12 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning
-from pipeline.nodes.statistics import message_counts
+from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning, message_counts
 from pipeline.runtime.node_thread import STATUS_PERIOD, open_session
 from pipeline.runtime.source_feed import BlockReport, with_end
 from pipeline.runtime.watchdog import Watchdog
-from pipeline.sources.durable_publisher import kept_until_acknowledged
+from pipeline.sources.publisher import kept_until_acknowledged
 from pipeline.sources.spool import Spool
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -283,9 +282,9 @@ class FeedAccount:
 
     def _warnings(self, state: str) -> Iterator[QualityWarning]:
         counts, name = self._live.counts, self._live.name
-        never = state == "stopped" and not counts.connections and bool(counts.trouble)
+        never = state == "stopped" and not counts.connections and bool(counts.problem)
         if (not counts.connected and state == "running") or never:
-            yield QualityWarning("link-down", f"{name}: {counts.trouble or 'not connected yet'}")
+            yield QualityWarning("link-down", f"{name}: {counts.problem or 'not connected yet'}")
         if self._quiet:
             yield QualityWarning("quiet", self._silence)
         elif state == "stopped" and counts.connections and not counts.received:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from pipeline.messages import FoundationTruth, Message
 from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import Metadata
-from pipeline.sources.playback import SensorMessage
-from pipeline.sources.recorded_stream import recordings_in
+from pipeline.sources.recorded_stream import SensorMessage, recordings_in
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ from pipeline.sources.ground_truth import (
     stored_truth,
     with_truths,
 )
-from pipeline.sources.playback import Playback
-from pipeline.sources.recorded_stream import SourceError, recorded_stream, recordings_in
+from pipeline.sources.recorded_stream import Playback, SourceError, recorded_stream, recordings_in
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.acquisition.pacing import Pace, paced
@@ -77,7 +76,7 @@ class RecordedSource:
 
     @property
     def turbines(self) -> tuple[str, ...]:
-        """Those in the recording, in its order."""
+        """Turbines in the recording, in its order."""
         return tuple(self.layouts)
 
     def messages(
@@ -134,6 +133,6 @@ def _duration(infos: Sequence[RecordingInfo]) -> float:
 
 
 def _units_of(layouts: Sequence[SensorLayout], turbine: str) -> list[SensorLayout]:
-    """The newest layout of each of the turbine's units, in their order."""
+    """Return the newest layout of each of the turbine's units, in their order."""
     newest = {layout.unit: layout for layout in layouts if layout.turbine == turbine}
     return [newest[unit] for unit in sorted(newest)]

@@ -1,17 +1,134 @@
-"""Messages of sensors and controller as recorded: one file, or a folder as one stream."""
+"""Messages of sensors and controller as recorded: one file, or a folder as one stream; which part
+of it is replayed, and how often.
 
-from collections.abc import Iterator
+    files in order of time ─► each block once ─► range ─► again, later ─► source
+
+What is replayed from its middle is a session of its own that begins there, so that its first
+window does too. A second round is one more session, its time going on where the first one ended.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.recording.file_order import logical_starts, stretch_of
 from pipeline.recording.info import UnitInfo, recording_info
 from pipeline.recording.reader import read_messages
-from pipeline.sources.playback import SensorMessage, each_block_once
-from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, RESTART_SILENCE, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-from sensors.acquisition.replayed import ReplayedTower
+from sensors.acquisition.replayed import LATEST_BLOCKS, ReplayedTower
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
+
+READ_ON = RESTART_SILENCE  # behind the end: a block that came later is of another session [s]
+
+SensorMessage = AccelerationBlock | SensorLayout | ScadaSample
+
+
+@dataclass(frozen=True, slots=True)
+class Playback:
+    """What of a recording is played. Times count from its first sample."""
+
+    start: float = 0.0
+    """Start [s]."""
+
+    end: float = float("inf")
+    """End [s]."""
+
+    rounds: int = 1
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.start < self.end:
+            raise InputError(
+                f"--from {self.start:g} --to {self.end:g} is no range; both count in seconds from "
+                "the first sample, --from below --to"
+            )
+        if self.rounds < 1:
+            raise InputError(f"--loop {self.rounds} plays nothing; at least 1 is needed")
+
+    def duration(self, whole: float) -> float:
+        """Return how long is played of a recording of that length, all rounds [s]."""
+        return max(0.0, min(self.end, whole) - self.start) * self.rounds
+
+    def of(self, stream: Callable[[], Iterable[SensorMessage]]) -> Iterator[SensorMessage]:
+        """Yield the chosen part, as often as chosen. stream: → the recording from its beginning."""
+        if self == Playback():
+            yield from stream()
+            return
+        shift_ns = 0
+        for number in range(self.rounds):
+            first_ns = last_ns = None
+            for message in self._part(stream()):
+                if isinstance(message, AccelerationBlock):
+                    first_ns = message.start_ns if first_ns is None else first_ns
+                    last_ns = message.end_ns
+                yield _later(message, shift_ns, number)
+            if first_ns is None or last_ns is None:
+                return
+            shift_ns += last_ns - first_ns
+
+    def _part(self, messages: Iterable[SensorMessage]) -> Iterator[SensorMessage]:
+        """Yield what lies in the range, the blocks of each session counted from its first there."""
+        origin_ns: int | None = None
+        newest: dict[tuple[str, str], int] = {}  # turbine, unit → start of its latest block [ns]
+        firsts: dict[tuple[str, str, str], AccelerationBlock] = {}
+        for message in messages:
+            if isinstance(message, AccelerationBlock):
+                origin_ns = message.start_ns if origin_ns is None else origin_ns
+                newest[message.turbine, message.unit] = message.start_ns
+                if self._is_over(newest.values(), origin_ns):
+                    return
+            if isinstance(message, SensorLayout):
+                yield message
+            elif origin_ns is not None and self._has(message, origin_ns):
+                yield _renumbered(message, firsts) if self.start > 0 else message
+
+    def _is_over(self, newest_ns: Iterable[int], origin_ns: int) -> bool:
+        """Whether every unit is so far behind the end that nothing late is to be expected."""
+        last_ns = min(newest_ns) - origin_ns
+        return last_ns / NANOSECONDS >= self.end + READ_ON
+
+    def _has(self, message: AccelerationBlock | ScadaSample, origin_ns: int) -> bool:
+        time_ns = message.time_ns if isinstance(message, ScadaSample) else message.start_ns
+        return self.start <= (time_ns - origin_ns) / NANOSECONDS < self.end
+
+
+def _renumbered(
+    message: AccelerationBlock | ScadaSample,
+    firsts: dict[tuple[str, str, str], AccelerationBlock],
+) -> AccelerationBlock | ScadaSample:
+    if isinstance(message, ScadaSample):
+        return message
+    first = firsts.setdefault((message.turbine, message.unit, message.session), message)
+    return replace(
+        message,
+        first_sample=message.first_sample - first.first_sample,
+        sequence=message.sequence - first.sequence,
+    )
+
+
+def _later(message: SensorMessage, shift_ns: int, number: int) -> SensorMessage:
+    if number == 0 or isinstance(message, SensorLayout):
+        return message
+    if isinstance(message, ScadaSample):
+        return replace(message, time_ns=message.time_ns + shift_ns)
+    session = f"{message.session}#{number + 1}"
+    return replace(message, session=session, start_ns=message.start_ns + shift_ns)
+
+
+def each_block_once(messages: Iterable[SensorMessage]) -> Iterator[SensorMessage]:
+    """Files of one session overlap where a recorder was started again; a block counts once."""
+    seen: dict[tuple[str, str, str], deque[tuple[int, int, int]]] = {}
+    for message in messages:
+        if isinstance(message, AccelerationBlock):
+            key = (message.turbine, message.unit, message.session)
+            latest = seen.setdefault(key, deque(maxlen=2 * LATEST_BLOCKS))
+            same = (message.sequence, message.start_ns, hash(message.samples.tobytes()))
+            if latest and message.sequence <= latest[-1][0] and same in latest:
+                continue
+            latest.append(same)
+        yield message
 
 
 class SourceError(InputError):

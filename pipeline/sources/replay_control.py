@@ -74,7 +74,7 @@ class ReplayControl:
         self._changed = threading.Condition()
 
     def messages(self) -> Iterator[Message]:
-        """Everything of the source, from the wanted position on after each seek."""
+        """Yield everything of the source, from the wanted position on after each seek."""
         source, number = self._source, 1
         while True:
             yield from self._played(source, number)

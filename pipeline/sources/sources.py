@@ -29,14 +29,13 @@ from pipeline.sources.ground_truth import (
     simulated_truths,
     with_truths,
 )
-from pipeline.sources.playback import Playback
 from pipeline.sources.recorded_source import (
     MonotonicClock,
     due_of,
     recorded_with_truths,
     source_of,
 )
-from pipeline.sources.recorded_stream import SourceError, recordings_in
+from pipeline.sources.recorded_stream import Playback, SourceError, recordings_in
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.pacing import Pace, paced
@@ -88,7 +87,7 @@ class Source:
 
     @property
     def turbines(self) -> tuple[str, ...]:
-        """Those that are known beforehand, in their order: a recording's, or the scenario's."""
+        """Turbines that are known beforehand, in order: a recording's, or the scenario's."""
         return tuple(self.layouts) or tuple(m.turbine.id for m in farm_members(self.scenario))
 
     @property
@@ -175,7 +174,7 @@ class Source:
 
 
 def _begin(message: Message) -> int:
-    """Where a message stands among those of other turbines [ns]."""
+    """Return where a message stands among those of other turbines [ns]."""
     match message:
         case AccelerationBlock():
             return message.start_ns

@@ -43,7 +43,7 @@ class SpoolError(InputError):
 
 @dataclass(slots=True, eq=False)
 class SpooledBlock:
-    """Where a block lies that is not acknowledged."""
+    """Place of a block that is not acknowledged."""
 
     session: SessionKey
     sequence: int
@@ -103,7 +103,7 @@ class Spool:
 
     @property
     def size(self) -> int:
-        """Of all files [bytes]."""
+        """Size of all files [bytes]."""
         return sum(self._sizes.values())
 
     def waiting(self) -> Iterator[SpooledBlock]:
@@ -164,7 +164,7 @@ class Spool:
         return len(gone)
 
     def read(self, spooled: SpooledBlock) -> AccelerationBlock | None:
-        """The block; None, and it is let go of, where its record is damaged."""
+        """Return the block; None, and it is let go of, where its record is damaged."""
         if self._file is not None and spooled.file == self._number:
             self._file.flush()
         try:
@@ -270,7 +270,7 @@ class Spool:
 
 
 def default_folder(source: str, environment: Mapping[str, str]) -> Path:
-    """Where a source is spooled if nothing else is wanted.
+    """Return where a source is spooled if no other folder is given.
 
     Parameters
     ----------
@@ -327,7 +327,7 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes | None]]:
 
 
 def _payload_at(file: BinaryIO, offset: int) -> bytes | None:
-    """The payload of one record; None where its checksum does not hold."""
+    """Return the payload of one record; None where its checksum does not hold."""
     file.seek(offset)
     head = file.read(_RECORD.size)
     if len(head) < _RECORD.size:

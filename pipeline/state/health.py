@@ -76,7 +76,7 @@ class Health:
             self._note_session(message)
 
     def streams(self, now_ns: int) -> tuple[StreamHealth, ...]:
-        """Every key on which something has come, statuses left out."""
+        """Return every key on which something has come, statuses left out."""
         return tuple(
             StreamHealth(
                 key, self._condition(seen, now_ns), _silence(seen, now_ns), seen.count, seen.rate
@@ -86,7 +86,7 @@ class Health:
         )
 
     def nodes(self, now_ns: int) -> tuple[NodeHealth, ...]:
-        """Every node that has sent anything."""
+        """Return every node that has sent anything."""
         return tuple(
             NodeHealth(self._condition(seen, now_ns), _silence(seen, now_ns), seen.message)
             for seen in self._seen.values()

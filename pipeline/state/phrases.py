@@ -9,7 +9,7 @@ def count_noun(number: int, noun: str) -> str:
 
 
 def codes_in_words(codes: Counter[str]) -> str:
-    """How often each code, the most frequent first."""
+    """Return how often each code, the most frequent first."""
     return ", ".join(f"{count} × {code}" for code, count in codes.most_common()) or "none"
 
 

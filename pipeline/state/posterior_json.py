@@ -1,11 +1,10 @@
 """A posterior in the figures of `summary.json`: ratios to nominal, the truth where it is known."""
 
-from pipeline.messages import (
-    FoundationPosterior,
-    FoundationTruth,
-    ParameterSummary,
-)
-from sensors.json_values import Json, known
+from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
+from sensors.json_values import Json, fields_of, known, with_nulls
+
+STIFFNESSES = ("k11", "k22", "k12")
+MEDIAN_AND_INTERVAL = ("median", "p05", "p95")
 
 
 def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | None = None) -> Json:
@@ -25,36 +24,26 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
         name: stiffness_summary(
             posterior.parameter(name), None if truth is None else getattr(truth, name)
         )
-        for name in ("k11", "k22", "k12")
+        for name in STIFFNESSES
     }
-    sigma = posterior.parameter("sigma")
-    summary["sigma"] = {"median": sigma.median, "p95": sigma.p95}
+    summary["sigma"] = fields_of(posterior.parameter("sigma"), "median", "p95")
     summary["figures"] = {each.name: figure_summary(each) for each in posterior.figures}
-    summary["correlation"] = [[known(each) for each in row] for row in posterior.correlation]
-    summary["ess"] = known(posterior.ess)
-    summary["rhat"] = known(posterior.rhat)
-    summary["change_probability"] = known(posterior.change_probability)
-    summary["structure"] = posterior.structure
-    summary["budget"] = {
-        each.name: {"k11": each.k11, "k22": each.k22, "k12": each.k12} for each in posterior.budget
-    }
+    summary["correlation"] = with_nulls(posterior.correlation.tolist())
+    summary |= fields_of(posterior, "ess", "rhat", "change_probability", "structure")
+    summary["budget"] = {each.name: fields_of(each, *STIFFNESSES) for each in posterior.budget}
     summary["alternatives"] = {each.name: each.probability for each in posterior.alternatives}
     summary["unpredicted_share"] = known(posterior.unpredicted_share)
     summary["relative"] = {
-        each.name: {"median": each.median, "p05": each.p05, "p95": each.p95}
-        for each in posterior.relative
+        each.name: fields_of(each, *MEDIAN_AND_INTERVAL) for each in posterior.relative
     }
     return summary
 
 
 def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -> Json:
-    """One stiffness in its unit and as ratios to nominal. truth: in the same unit."""
+    """Return one stiffness in its unit and as ratios to nominal. truth: in the same unit."""
     median, low, high = ratios(parameter)
     return {
-        "unit": parameter.unit,
-        "median": parameter.median,
-        "p05": parameter.p05,
-        "p95": parameter.p95,
+        **fields_of(parameter, "unit", *MEDIAN_AND_INTERVAL),
         "ratio_median": median,
         "ratio_p05": low,
         "ratio_p95": high,
@@ -63,19 +52,17 @@ def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -
 
 
 def figure_summary(figure: ParameterSummary) -> Json:
-    """A figure of the structure: as a factor to the described one, scour in metres."""
-    return {
-        "unit": figure.unit,
-        "median": figure.median,
-        "p05": figure.p05,
-        "p95": figure.p95,
-        "contraction": known(figure.contraction),
-    }
+    """Return a figure of the structure: as a factor to the described one, scour in metres."""
+    return fields_of(figure, "unit", *MEDIAN_AND_INTERVAL, "contraction")
 
 
 def empty_summary() -> Json:
-    """The same entry where no window gave a posterior: every value None."""
-    nothing = ("median", "p05", "p95", "ratio_median", "ratio_p05", "ratio_p95", "truth_ratio")
+    """Return the same entry where no window gave a posterior: every value None."""
+    nothing = (
+        *MEDIAN_AND_INTERVAL,
+        *(f"ratio_{each}" for each in MEDIAN_AND_INTERVAL),
+        "truth_ratio",
+    )
     units = {"k11": "N/m", "k22": "N·m/rad", "k12": "N/rad"}
     summary: Json = {name: {"unit": unit, **dict.fromkeys(nothing)} for name, unit in units.items()}
     summary["sigma"] = {"median": None, "p95": None}

@@ -1,4 +1,4 @@
-"""The same warning of many windows, said once.
+"""The same warning of many windows, listed once.
 
 The text of a warning has its window's figures ("two modes near 2.376 Hz"), so that one cause would
 make a line in every window.
@@ -13,7 +13,7 @@ _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 
 
 class DistinctWarnings:
-    """Warnings that differ in code, in words or in a figure's first two digits; each as first said.
+    """Warnings that differ in code, in words or in a figure's first two digits; of alike the first.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class DistinctWarnings:
 
 
 def without_repeats(warnings: Iterable[QualityWarning]) -> list[QualityWarning]:
-    """Each warning once: see `DistinctWarnings`.
+    """Return each warning once: see `DistinctWarnings`.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ class CombinedTracks:
 def combined_modes(
     estimates: Iterable[ModalEstimate], posterior: FoundationPosterior | None = None
 ) -> list[CombinedMode]:
-    """The modes of all windows: see `CombinedTracks.modes`."""
+    """Return the modes of all windows: see `CombinedTracks.modes`."""
     tracks = CombinedTracks()
     for estimate in estimates:
         tracks.add(estimate)
@@ -128,7 +128,7 @@ def _member_pair(mode: Mode, pair: ModePair, posterior: FoundationPosterior) -> 
 
 @dataclass(slots=True)
 class _WeightedMean:
-    """Of independent estimates of one figure; overlapping windows count their samples once."""
+    """Mean of independent estimates of one figure; overlapping windows count samples once."""
 
     n: int = 0
     total: float = 0.0
@@ -176,7 +176,7 @@ class _Track:
         self.damping.add(mode.damping_ratio, mode.damping_ratio_std, weight)
 
     def combined(self, name: str, pair: ModePair | None) -> CombinedMode:
-        """The track's entry, named after the model's mode where it was paired."""
+        """Return the track's entry, named after the model's mode where it was paired."""
         frequency, frequency_std = self.frequency.mean_and_std
         damping, damping_std = self.damping.mean_and_std
         return CombinedMode(

@@ -14,7 +14,7 @@ from pipeline.state.health import Health
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import AccelerationBlock
 
-MOST_TURBINES_KNOWN = 300  # of a live run; of more the least heard one goes
+MOST_TURBINES_KNOWN = 300  # of a live run; of more the one with the fewest messages goes
 MOST_UNITS_HEARD = 5000  # sessions of units of a live run whose latest block is remembered
 
 
@@ -58,7 +58,7 @@ class RunState:
         """Return the state of one turbine, an empty one where nothing is known yet."""
         if name not in self.turbines:
             if self._kept is not None and len(self.turbines) >= MOST_TURBINES_KNOWN:
-                del self.turbines[min(self.turbines, key=self._heard)]
+                del self.turbines[min(self.turbines, key=self._received)]
             self.turbines[name] = TurbineState(name, kept=self._kept)
         return self.turbines[name]
 
@@ -75,7 +75,9 @@ class RunState:
         first = next(iter(known))
         of_session = [each for each in self.turbines.values() if not each.is_measured]
         if of_session:
-            statuses = {node: said for each in of_session for node, said in each.statuses.items()}
+            statuses = {
+                node: status for each in of_session for node, status in each.statuses.items()
+            }
             own = known[first].statuses
             known[first] = replace(known[first], statuses={**statuses, **own})
         return known
@@ -84,7 +86,7 @@ class RunState:
         """Return what is reported of one turbine: its state, as `measured` has it."""
         return self.measured.get(name) or self.turbine(name)
 
-    def _heard(self, name: str) -> int:
+    def _received(self, name: str) -> int:
         return self.turbines[name].received.total()
 
     @property

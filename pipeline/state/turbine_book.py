@@ -64,7 +64,7 @@ class TurbineBook:
         Parameters
         ----------
         updated : bool
-            Whether an updating has been heard of.
+            Whether an updating has sent anything.
         awaited : bool
             Whether an updating owes it an answer.
         """
@@ -170,7 +170,7 @@ class TurbineBook:
         )
 
     def as_json(self) -> Json:
-        """The book in figures; names are stable."""
+        """Return the book in figures; names are stable."""
         return {
             "identified": self.identified,
             "rejected": dict(self.rejected),
@@ -183,7 +183,7 @@ class TurbineBook:
 
 
 def _key(message: ModalEstimate | WindowRejected | FoundationPosterior) -> WindowKey:
-    """A window's identity; of an older recording its start and end."""
+    """Return a window's identity; of an older recording its start and end."""
     if message.origins:
         return tuple(message.origins)
     if isinstance(message, FoundationPosterior):

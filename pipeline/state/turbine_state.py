@@ -215,7 +215,7 @@ class TurbineState:
 
     @property
     def duration(self) -> float:
-        """Of the measurements [s]."""
+        """Duration of the measurements [s]."""
         if self.first_ns is None or self.last_ns is None:
             return 0.0
         return (self.last_ns - self.first_ns) / NANOSECONDS

@@ -54,7 +54,7 @@ class ArrivalClocks:
 
 
 def lead_of(seen: list[tuple[int, int]]) -> float:
-    """By how much a unit's clock is ahead of this machine's [s]; 0 where that is not shown.
+    """Return how far a unit's clock is ahead of this machine's [s]; 0 where unknown.
 
     Parameters
     ----------

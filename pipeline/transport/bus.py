@@ -46,7 +46,7 @@ class Subscription(Protocol):
         ...
 
     def lost_of(self, message_type: type) -> int:
-        """Those of one type."""
+        """Return those of one type."""
         ...
 
     def recovered_of(self, message_type: type) -> int:
@@ -121,7 +121,7 @@ class Inbox:
         return self._dropped.total()
 
     def dropped_of(self, message_type: type) -> int:
-        """Those of one type."""
+        """Return those of one type."""
         return self._dropped[message_type]
 
     def put(self, delivery: Delivery) -> None:
@@ -142,7 +142,7 @@ class Inbox:
             self._changed.notify()
 
     def get(self, timeout: float | None = None) -> Message | None:
-        """The next message, waiting for it at most `timeout` [s]; None waits for ever.
+        """Return the next message, waiting for it at most `timeout` [s]; None waits for ever.
 
         Returns None when the time is over, or when the inbox is closed and empty. A delivery
         that is no message of its stream is counted, reported and skipped.
@@ -190,21 +190,21 @@ class Inbox:
 
 
 def publishing_key(message: Message) -> str:
-    """The key on which a message is published.
+    """Return the key on which a message is published.
 
     Raises TransportError where turbine, unit or node is empty or has a character that divides
     keys or selects many of them.
     """
     for field in ("turbine", "unit", "node"):
         part = getattr(message, field, None)
-        wrong = None if part is None else key_part_complaint(part)
+        wrong = None if part is None else key_part_error(part)
         if wrong:
             raise TransportError(f"{field} {part!r} of a {type(message).__name__}: {wrong}")
     return key_of(message)
 
 
-def key_part_complaint(part: str) -> str:
-    """Why a name cannot be part of a key; "" where it can."""
+def key_part_error(part: str) -> str:
+    """Return why a name cannot be part of a key; "" where it can."""
     if part and not _NOT_IN_A_KEY.intersection(part):
         return ""
     return "it cannot be part of a key, which needs at least one character and none of / * $ ? #"

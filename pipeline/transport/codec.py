@@ -47,7 +47,7 @@ _M = TypeVar("_M", bound=Message)
 
 
 def encode(message: Message) -> bytes:
-    """The message as it travels and is recorded.
+    """Return the message as it travels and is recorded.
 
     Raises CodecError where a field does not fit the schema or the message contradicts itself.
     """
@@ -61,7 +61,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(message_type: type[_M], payload: bytes) -> _M:
-    """The message of the given type that these bytes hold. Its arrays are read-only views.
+    """Return the message of the given type that these bytes hold. Its arrays are read-only views.
 
     Raises CodecError for anything else, whatever the bytes.
     """
@@ -222,7 +222,7 @@ def _to_bytes(numbers: np.ndarray[Any, Any], dtype: np.dtype[Any]) -> bytes:
 
 
 def schema() -> FileDescriptorProto:
-    """A copy of pilewatch.proto as a descriptor."""
+    """Return a copy of pilewatch.proto as a descriptor."""
     return FileDescriptorProto.FromString(pilewatch_pb2.DESCRIPTOR.serialized_pb)
 
 
@@ -232,7 +232,7 @@ def full_name(message: str) -> str:
 
 
 def self_description(message: str) -> bytes:
-    """The serialised FileDescriptorSet that explains one message and what it is made of."""
+    """Return the serialised FileDescriptorSet that explains one message and what it is made of."""
     file = schema()
     needed = _with_parts(message)
     described = [entry for entry in file.message_type if entry.name in needed]
@@ -253,7 +253,7 @@ def name_of_type(field: FieldDescriptorProto) -> str:
 
 @cache
 def schema_of_message(message: str) -> DescriptorProto:
-    """The schema's message of that name; KeyError where there is none."""
+    """Return the schema's message of that name; KeyError where there is none."""
     return {described.name: described for described in schema().message_type}[message]
 
 

@@ -102,12 +102,12 @@ class Arrivals:
 
 
 def beginning(now: float) -> bytes:
-    """What a sample carries of its publisher: when it began [s since 1970-01-01 UTC]."""
+    """Return what a sample carries of its publisher: when it began [s since 1970-01-01 UTC]."""
     return struct.pack("<d", now)
 
 
 def lost_at_beginning(samples: Sequence[zenoh.Sample], since: float) -> int:
-    """How many samples before these, a publisher's earliest that can be had, were promised.
+    """Return how many samples before these, a publisher's earliest that can be had, were promised.
 
     samples   in the order of their numbers, one at least
     since     when the reader subscribed [s since 1970-01-01 UTC]; the clocks are taken to agree
@@ -136,10 +136,10 @@ def _published(sample: zenoh.Sample) -> float | None:
 
 def _began(sample: zenoh.Sample) -> float | None:
     """When a sample's publisher began; None where it does not state so."""
-    said = b"" if sample.attachment is None else sample.attachment.to_bytes()
-    if len(said) != struct.calcsize("<d"):
+    attached = b"" if sample.attachment is None else sample.attachment.to_bytes()
+    if len(attached) != struct.calcsize("<d"):
         return None
-    (moment,) = struct.unpack("<d", said)
+    (moment,) = struct.unpack("<d", attached)
     return moment if math.isfinite(moment) else None
 
 

@@ -165,7 +165,7 @@ class ZenohBus:
 
 
 def asked(whom: str | ZenohSettings, key_expression: str, payload: bytes = b"") -> list[bytes]:
-    """What the sessions that can be reached through an endpoint answer on these keys.
+    """Return what the sessions that can be reached through an endpoint answer on these keys.
 
     Raises TransportError where nothing listens there.
     """
@@ -215,7 +215,7 @@ class ZenohSubscription:
         return sum(map(self.lost_of, self._arrivals))
 
     def lost_of(self, message_type: type) -> int:
-        """Those of one type."""
+        """Return those of one type."""
         at_beginnings = self._arrivals[message_type].lost if message_type in self._arrivals else 0
         return self._lost[message_type] + at_beginnings
 

@@ -51,17 +51,17 @@ class ZenohSettings:
 
 
 def hub(endpoint: str) -> ZenohSettings:
-    """The one session that listens where all others look."""
+    """Return the one session that listens where all others look."""
     return ZenohSettings(listen=(endpoint,))
 
 
 def peer_of(endpoint: str) -> ZenohSettings:
-    """A session that finds the others through the hub at this endpoint."""
+    """Return a session that finds the others through the hub at this endpoint."""
     return ZenohSettings(connect=(endpoint,))
 
 
 def free_endpoint() -> str:
-    """A loopback endpoint that nothing listens on at this moment."""
+    """Return a loopback endpoint that nothing listens on at this moment."""
     with socket.socket() as probe:
         probe.bind((LOOPBACK, 0))
         return f"tcp/{LOOPBACK}:{probe.getsockname()[1]}"
@@ -78,7 +78,7 @@ def configuration(settings: ZenohSettings) -> zenoh.Config:
 
 
 def _entries(settings: ZenohSettings) -> dict[str, Any]:
-    """What is laid over Zenoh's defaults, or over the file where it leaves no choice."""
+    """Return what is laid over Zenoh's defaults, or over the file where it leaves no choice."""
     entries: dict[str, Any] = {
         "timestamping/enabled": True,  # what is cached needs its time
         "transport/link/rx/max_message_size": LARGEST_MESSAGE,

@@ -124,16 +124,16 @@ def refusal(
     return None
 
 
-def unconverged(doubts: Sequence[QualityWarning]) -> bool:
+def unconverged(warnings: Sequence[QualityWarning]) -> bool:
     """Whether a sampler reports that its quantiles are rough."""
-    return any(doubt.code in UNCONVERGED for doubt in doubts)
+    return any(warning.code in UNCONVERGED for warning in warnings)
 
 
 def contradictions(fit: Fit, settings: AcceptanceSettings) -> tuple[QualityWarning, ...]:
     """Why the data contradict the model; empty for a posterior that may be trusted."""
-    doubts = []
+    warnings = []
     if fit.reduced_chi_square > settings.reduced_chi_square:
-        doubts.append(
+        warnings.append(
             QualityWarning(
                 "misfit",
                 f"the identified frequencies lie further from the model's than their standard "
@@ -142,7 +142,7 @@ def contradictions(fit: Fit, settings: AcceptanceSettings) -> tuple[QualityWarni
             )
         )
     if fit.paired_share < settings.paired_share:
-        doubts.append(
+        warnings.append(
             QualityWarning(
                 "few-pairs",
                 f"only {fit.paired_share:.0%} of the identified modes are modes of the model "
@@ -150,14 +150,14 @@ def contradictions(fit: Fit, settings: AcceptanceSettings) -> tuple[QualityWarni
             )
         )
     if fit.pairing_cost > settings.pairing_cost:
-        doubts.append(
+        warnings.append(
             QualityWarning(
                 "pairing-cost",
                 f"identified and model modes resemble each other badly (mean cost "
                 f"{fit.pairing_cost:.1f}, at most {settings.pairing_cost:g} expected)",
             )
         )
-    return tuple(doubts)
+    return tuple(warnings)
 
 
 def contraction(width: float, extent: float) -> float:
@@ -204,7 +204,7 @@ def predictive_misfits(
     return np.asarray(errors.mean(axis=0) / np.sqrt(spread))
 
 
-def misfit_doubts(
+def misfit_warnings(
     pairs: Sequence[ModePair], settings: AcceptanceSettings
 ) -> tuple[QualityWarning, ...]:
     """One sentence for each mode that the posterior cannot explain."""

@@ -119,10 +119,10 @@ class ExactInference:
     def matched(self, state: UpdatingState) -> Match:
         """The model's modes beside the evidence's, looked for at the last posterior's springs too,
         before it at the farm's. Raises EstimateRefused."""
-        begun_at = state.median
-        if begun_at is None and self._population is not None:
-            begun_at = self._population.centre
-        return self._matcher.matched(state.evidence, begun_at)
+        start = state.median
+        if start is None and self._population is not None:
+            start = self._population.centre
+        return self._matcher.matched(state.evidence, start)
 
     def refreshed(self, match: Match, state: UpdatingState, window: int) -> ExactRefresh:
         """Draws of the posterior after the window of that number."""

@@ -153,11 +153,11 @@ class Matcher:
         taken out until the stiffness stays.
         """
         for _ in range(WATER_ROUNDS):
-            partners, begun = partners_in_water(local), pairing.ratios
+            partners, start = partners_in_water(local), pairing.ratios
             evidence = measured.at_model_level(_of_each(partners, pairing))
-            pairing = self._search.refined(self._targets(evidence), begun)
+            pairing = self._search.refined(self._targets(evidence), start)
             local = self._forward.following(self._prior.stiffness(pairing.ratios))
-            if np.abs(pairing.ratios - begun).max() < SETTLED:
+            if np.abs(pairing.ratios - start).max() < SETTLED:
                 break
         return pairing, local, measured.at_model_level(_of_each(partners, pairing))
 

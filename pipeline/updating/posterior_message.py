@@ -17,7 +17,7 @@ from pipeline.updating.acceptance import (
     Fit,
     contraction,
     contradictions,
-    misfit_doubts,
+    misfit_warnings,
     mode_information,
     predictive_misfits,
     reduced_chi_square,
@@ -79,11 +79,11 @@ def posterior_message(
         reduced_chi_square=fit.reduced_chi_square,
         paired_share=fit.paired_share,
         pairing_cost=fit.pairing_cost,
-        trusted=not against and not unconverged(draws.doubts),
+        trusted=not against and not unconverged(draws.warnings),
         warnings=(
             *against,
-            *draws.doubts,
-            *misfit_doubts(pairs, guards),
+            *draws.warnings,
+            *misfit_warnings(pairs, guards),
             *unidentified_doubts(parameters, guards),
         ),
     )

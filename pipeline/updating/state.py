@@ -57,7 +57,7 @@ class UpdatingState:
             latest = replace(latest, sightings=tuple(map(diagonal, seen)))
         return replace(self, evidence=evidence, recent=(*self.recent, latest)[-RECENT_WINDOWS:])
 
-    def begun_anew(self, start_ns: int, nothing: ModalEvidence) -> "UpdatingState":
+    def restarted(self, start_ns: int, nothing: ModalEvidence) -> "UpdatingState":
         """With the evidence of the recent windows alone that began at that time or later; their
         modes keep the tracks they had. nothing: evidence without a window.
 

@@ -209,10 +209,10 @@ class FoundationUpdater:
         event = event_of(
             found, verdict, change, estimate, before=state.median, pairs=state.sensitivities
         )
-        anew = state.begun_anew(change.sums.starts_ns[found.restart], self._no_evidence())
+        restarted = state.restarted(change.sums.starts_ns[found.restart], self._no_evidence())
         earlier = BeforeEvent.of(change.sums, found.candidate, state.sensitivities, state.median)
         after = self._detector.restarted(change, found.restart)
-        return replace(anew, change=after, before_event=earlier), event
+        return replace(restarted, change=after, before_event=earlier), event
 
     def _sensitivities(self, change: ChangeState, state: UpdatingState) -> Sensitivities:
         """Of the tracks in the sums, by the state's last posterior."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
+from pipeline.state.posterior_json import STIFFNESSES
 from pipeline.viewer.drawing.entities import (
     FARM,
     TIMELINE,
@@ -19,7 +20,6 @@ from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.farm_overview import board_bounds
 from pipeline.viewer.pictures.mac_matrix import SIDE
 from pipeline.viewer.pictures.spectrum import measured_sides
-from pipeline.viewer.pictures.status_text import STIFFNESSES
 from pipeline.viewer.view_parameters import (
     ViewParameters,
     events_view,

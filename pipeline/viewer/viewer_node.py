@@ -96,15 +96,15 @@ class Viewer(Sink):
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Draw one message, or queue it to be drawn; return no message."""
-        for stage in self._drawings:
-            stage.take(message)
+        for drawing in self._drawings:
+            drawing.take(message)
         return ()
 
     def close(self) -> None:
         """Draw what is buffered and close files and viewers; a second call does nothing."""
         drawings, self._drawings = self._drawings, ()
-        for stage in drawings:
-            stage.close()
+        for drawing in drawings:
+            drawing.close()
 
 
 def _reconnecting_viewer(

@@ -90,7 +90,7 @@ class BlockMark:
 
     @classmethod
     def of(cls, block: AccelerationBlock) -> "BlockMark":
-        """The mark of a block."""
+        """Return the mark of a block."""
         return cls(
             block.session,
             block.sequence,

@@ -92,7 +92,7 @@ class SensorLayout:
 
 
 def joined_layout(layouts: Sequence[SensorLayout]) -> SensorLayout:
-    """All channels of a turbine's units as one layout; a single one is itself.
+    """Return all channels of a turbine's units as one layout; a single one is itself.
 
     layouts   of different units
 

@@ -65,7 +65,7 @@ class Pace:
 def paced(
     messages: Iterable[_T], *, pace: Pace, time_of: Callable[[_T], int | None]
 ) -> Iterator[_T]:
-    """The messages in their order, each when its sensor time has come.
+    """Yield the messages in their order, each when its sensor time has come.
 
     time_of   sensor time at which a message is due [ns], e.g. the end of a block; None: at once
     """

@@ -10,7 +10,7 @@ ON_A_SAMPLE = 1e-6  # distance from a sample that counts as none [samples]
 
 
 def interpolated(samples: FloatArray, positions: FloatArray, *, band: float = 1.0) -> FloatArray:
-    """The signal at fractional positions, (m, n_channels).
+    """Return the signal at fractional positions, (m, n_channels).
 
     samples     (n, n_channels), evenly spaced; NaN spreads over the kernel's length
     positions   (m,) counted in samples from the first, 0 to n − 1
@@ -36,5 +36,5 @@ def interpolated(samples: FloatArray, positions: FloatArray, *, band: float = 1.
 
 
 def _kaiser(x: FloatArray) -> FloatArray:
-    """The window at x, 1 in the middle, from −1 to 1."""
+    """Return the window at x, 1 in the middle, from −1 to 1."""
     return np.asarray(np.i0(KAISER * np.sqrt(np.clip(1 - x**2, 0, None))) / np.i0(KAISER))

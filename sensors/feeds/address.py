@@ -55,7 +55,7 @@ class FeedAddress:
     options: Mapping[str, str] = field(default_factory=dict)
 
     def number(self, option: str, default: float | None = None) -> float | None:
-        """A positive number among the options. Raises FeedError for what is none."""
+        """Return a positive number among the options. Raises FeedError for what is none."""
         written = self.options.get(option)
         if written is None:
             return default
@@ -68,7 +68,7 @@ class FeedAddress:
         return value
 
     def one_of(self, option: str, choices: tuple[str, ...]) -> str:
-        """One of a few words among the options; the first where it is not given.
+        """Return one of a few words among the options; the first where it is not given.
 
         Raises FeedError for another.
         """
@@ -78,7 +78,7 @@ class FeedAddress:
         return written
 
     def secret(self, name: str) -> str:
-        """A password or key: from the file that the option NAME-file names, else from the
+        """Return a password or key: from the file that the option NAME-file names, else from the
         environment (PILEWATCH_FEED_NAME); "" where there is none.
 
         Raises FeedError for a file that cannot be read or is empty.
@@ -103,7 +103,7 @@ def is_feed(text: str) -> bool:
 
 
 def parsed(text: str) -> FeedAddress:
-    """The parts of a feed's URL. Raises FeedError for one that cannot be understood."""
+    """Return the parts of a feed's URL. Raises FeedError for one that cannot be understood."""
     scheme, colon, rest = text.partition(":")
     kind, tls = _without_tls(scheme)
     if kind not in OPTIONS or not colon:
@@ -136,7 +136,7 @@ def parsed(text: str) -> FeedAddress:
 
 
 def _without_tls(scheme: str) -> tuple[str, bool]:
-    """The scheme without its last s, and whether that s means TLS; OPC UA's own as ours."""
+    """Return the scheme without its last s, and whether that s means TLS; OPC UA's own as ours."""
     if scheme == "opc.tcp":
         return "opcua", False
     tls = scheme.endswith(("mqtts", "seedlinks"))

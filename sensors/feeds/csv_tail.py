@@ -110,7 +110,7 @@ class Rows:
         file.seek(0, os.SEEK_END)
 
     def lines(self, file: BinaryIO) -> Iterator[bytes]:
-        """The rows that have been finished since."""
+        """Yield the rows that have been finished since."""
         while chunk := file.read(READ_AT_ONCE):
             *lines, self._part = (self._part + chunk).split(b"\n")
             for line in lines:
@@ -123,13 +123,13 @@ class Rows:
                 self._part, self._overlong = b"", True
 
     def samples(self, line: bytes) -> list[ScadaSample]:
-        """What a row reports; nothing of a header, and of what is counted instead."""
+        """Return what a row reports; nothing of a header, and of what is counted instead."""
         if self._is_header(line):
             self._take_header(line)
             return []
         self._counts.received += 1
         try:
-            return self._times.taken(self._reader.sample(self._said(line)))
+            return self._times.taken(self._reader.sample(self._by_column(line)))
         except MessageError as error:
             self._counts.refuse(f"row {line[:40]!r}: {error}")
             return []
@@ -142,7 +142,7 @@ class Rows:
         self._separator = next((each for each in _SEPARATORS if each in text), ",")
         self._columns = self._cells(line)
 
-    def _said(self, line: bytes) -> dict[str, str]:
+    def _by_column(self, line: bytes) -> dict[str, str]:
         cells = self._cells(line)
         if len(cells) != len(self._columns):
             raise MessageError(f"{len(cells)} cells under {len(self._columns)} names")

@@ -45,7 +45,7 @@ class LiveFeed:
 
     @property
     def port(self) -> int:
-        """That the feed listens on; 0 where it connects to others."""
+        """Port that the feed listens on; 0 where it connects to others."""
         return int(getattr(self._feed, "port", 0))
 
     @property
@@ -89,7 +89,7 @@ class LiveFeed:
 
 
 def batches(feed: Feed, stopping: threading.Event) -> Iterator[list[Arrival]]:
-    """What a feed gives, in order, some at a time, or nothing after a TICK.
+    """Yield what a feed gives, in order, some at a time, or nothing after a TICK.
 
     The feed runs in this thread, whenever the next batch is asked for, and is closed at the end.
     """

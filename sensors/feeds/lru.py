@@ -23,7 +23,7 @@ class LruCache(Generic[V]):
         return name in self._values
 
     def get(self, name: str) -> V | None:
-        """The value of a name, which is used by that; None where it is not known."""
+        """Return the value of a name, which is used by that; None where it is not known."""
         if name not in self._values:
             return None
         value = self._values[name] = self._values.pop(name)
@@ -38,5 +38,5 @@ class LruCache(Generic[V]):
         return self._values.pop(next(iter(self._values)))
 
     def values(self) -> Iterable[V]:
-        """Of all names that are known."""
+        """Values of all names that are known."""
         return self._values.values()

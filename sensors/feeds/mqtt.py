@@ -51,7 +51,7 @@ class Reader(Protocol):
     """Turns messages into arrivals."""
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
-        """What a message brings. Raises MessageError."""
+        """Return what a message brings. Raises MessageError."""
         ...
 
 
@@ -110,7 +110,7 @@ class MqttFeed:
             raise LinkError(self.reason(error)) from error
 
     def reason(self, error: Exception) -> str:
-        """In few words why the link is down, without the numbers that codes have."""
+        """Return why the link is down in few words, without the numbers of codes."""
         cause = error.__cause__ or error
         if isinstance(cause, TimeoutError) or "timed out" in str(cause):
             wanted = ([] if self._address.tls else ["mqtts://"]) + (
@@ -187,7 +187,7 @@ def _stable_id(address: FeedAddress) -> str:
 
 
 def _kept_for_ever(wanted: bool) -> Any:
-    """What makes a broker of MQTT 5 keep messages while the link is cut."""
+    """Return what makes a broker of MQTT 5 keep messages while the link is cut."""
     properties = import_module("paho.mqtt.properties").Properties(
         import_module("paho.mqtt.packettypes").PacketTypes.CONNECT
     )
@@ -241,7 +241,7 @@ class SamplesReader:
 
 
 def kind_of(topic: str, payload: bytes) -> str:
-    """The format of a message. Raises MessageError where it is of none."""
+    """Return the format of a message. Raises MessageError where it is of none."""
     if payload.startswith(FRAME_MAGIC):
         return "float32"
     if is_cpsens(topic, payload):
@@ -265,8 +265,8 @@ class ScadaMessages:
         if times is None:
             times = RisingTimes(self._counts)
             self._times.put(topic, times)
-        said = json_of(payload)
-        for each in said if isinstance(said, list) else [said]:
+        content = json_of(payload)
+        for each in content if isinstance(content, list) else [content]:
             if not isinstance(each, dict):
                 raise MessageError(f"{each!r:.40} is no report; an object is")
             yield from times.taken(self._reader.sample(each))

@@ -19,7 +19,7 @@ from sensors.feeds.opcua.values import ScadaValueReader, ValueReader
 from sensors.feeds.payloads.scada import ScadaReader
 from sensors.feeds.position import FeedPosition, position_file
 from sensors.feeds.protocol import Arrival, Feed, FeedCounts, FeedError
-from sensors.feeds.seedlink.seedlink_feed import SeedLinkFeed
+from sensors.feeds.seedlink import SeedLinkFeed
 from sensors.feeds.udp import UdpFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 
@@ -34,7 +34,7 @@ def open_feed(
     once: bool = False,
     state: Path | None = None,
 ) -> LiveFeed:
-    """The feed that a URL names; nothing is connected before it is read.
+    """Return the feed that a URL names; nothing is connected before it is read.
 
     layout    of its channels
     turbine   that it belongs to; None: the layout's
@@ -121,7 +121,7 @@ class MessageCapture:
 
 
 def listed_variables(text: str) -> list[SeenVariable]:
-    """What an OPC UA server has.
+    """Return what an OPC UA server has.
 
     Raises
     ------

@@ -29,7 +29,7 @@ POSITION_OVERLAP = 600.0  # farther back no record reaches: an older stamp is of
 
 
 def position_file(folder: Path, source: str) -> Path:
-    """Of a source's URL, in a folder of states."""
+    """Return the position file of a source's URL in a folder of states."""
     return folder / f"feed-{sha256(source.encode()).hexdigest()[:16]}.json"
 
 
@@ -98,7 +98,7 @@ class FeedPosition:
                 part.unlink(missing_ok=True)
 
     def unpublished(self, piece: ChannelSamples) -> ChannelSamples | None:
-        """What of a piece was not published before the restart; None if nothing was not."""
+        """Return what of a piece was not published before the restart; None if nothing was not."""
         if not self.resumed_ns or piece.stream in self._beyond:
             return piece
         early_ns = self.resumed_ns - piece.start_ns

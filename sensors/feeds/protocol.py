@@ -52,7 +52,7 @@ class FeedCounts:
     retained: int = 0  # measurements that a broker had kept from before; left out
     unknown: Counter[str] = field(default_factory=Counter)  # channels that the layout does not list
     refusal: str = ""  # of the last malformed message: what was wrong
-    trouble: str = ""  # of the link: why it is down, or went down last
+    problem: str = ""  # of the link: why it is down, or went down last
 
     def connect(self) -> bool:
         """Count that the link was made; whether it was there before."""

@@ -38,7 +38,7 @@ async def kept_connected(
         finally:
             counts.connected = False
         attempt = 1 if counts.connections > made else attempt + 1
-        counts.trouble = reason
+        counts.problem = reason
         if once and not counts.connections:
             raise FeedError(f"{name} cannot be reached: {reason}")
         wait = min(FIRST_RETRY * 2 ** min(attempt - 1, 10), LONGEST_RETRY)

@@ -63,7 +63,7 @@ class MeasurementFile:
     wanted: Wanted = EVERYTHING
 
     def chunks(self) -> Iterator[ChannelTable]:
-        """Its samples, its channels in the order of `names`."""
+        """Yield the samples, channels in the order of `names`."""
         for read in read_chunks(self.path, self.reader, self.wanted):
             chunk = read if read.start_ns else replace(read, start_ns=self.start_ns)
             if chunk.names == self.names:
@@ -113,7 +113,7 @@ def sort_by_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
 
 
 def _like(first: MeasurementFile, other: MeasurementFile) -> MeasurementFile:
-    """The other file with its channels in the first one's order."""
+    """Return the other file with its channels in the first one's order."""
     units = dict(zip(other.names, other.units, strict=True))
     if units != dict(zip(first.names, first.units, strict=True)):
         raise FileError(

@@ -186,7 +186,7 @@ def placed(channel: GuessedChannel, answer: str) -> GuessedChannel:
 
 
 def _pairs_apart(channels: Iterable[GuessedChannel]) -> tuple[GuessedChannel, ...]:
-    """Of two channels of one height, one whose name has no axis is the one across the other."""
+    """Take the second of two channels of one height without axes for the one across."""
     guessed = list(channels)
     for height in {each.elevation for each in guessed if each.height_known}:
         level = [i for i, each in enumerate(guessed) if each.elevation == height]

@@ -84,7 +84,7 @@ def condition_channels(names: Sequence[str], units: Sequence[str]) -> dict[str, 
 
 
 def _unit_in_name(name: str) -> str:
-    """The unit that a name ends in, as "power_kW" does; "" where it ends in none."""
+    """Return the unit that a name ends in, as "power_kW" does; "" where it ends in none."""
     return _UNIT_IN_NAME.get(re.split(r"[\s_.]+", name.strip().lower())[-1], "")
 
 

@@ -120,7 +120,7 @@ def channels_in(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHI
 
 
 def _channels(path: Path, reader: str | None) -> list[Sep005Channel] | None:
-    """The channels of a file that is not read in chunks."""
+    """Return the channels of a file that is not read in chunks."""
     suffix = path.suffix.lower().removeprefix(".")
     entries = [each for each in entry_points(group=GROUP) if each.name == suffix]
     if reader is not None:

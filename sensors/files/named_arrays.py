@@ -65,7 +65,7 @@ class NamedArray:
 
     @property
     def title(self) -> str:
-        """Its own name, without its groups; a slash in a unit's brackets parts none."""
+        """Name of the array without its groups; a slash in a unit's brackets separates none."""
         return self.name[len(self.group) :].removeprefix("/")
 
     @property
@@ -114,7 +114,7 @@ def find_channels(arrays: list[NamedArray], path: Path) -> list[Sep005Channel]:
 
 
 def _simple(array: NamedArray) -> Iterator[NamedArray]:
-    """An array without axes of length one; of a table, an array a field."""
+    """Yield an array without axes of length one; of a table, an array a field."""
     values = np.squeeze(array.values) if array.values.size > 1 else array.values
     if values.dtype.names is None:
         yield replace(array, values=values)
@@ -124,7 +124,7 @@ def _simple(array: NamedArray) -> Iterator[NamedArray]:
 
 
 def _orient(array: NamedArray, stamps: list[NamedArray]) -> NamedArray:
-    """The array with its samples along the first axis."""
+    """Return the array with its samples along the first axis."""
     if array.values.ndim < 2:
         return array
     rows, columns = array.values.shape
@@ -154,7 +154,7 @@ def _belongs(array: NamedArray, longest: int, stamps: list[NamedArray], path: Pa
 def _channels(
     array: NamedArray, name: str, stamps: list[NamedArray], path: Path
 ) -> Iterator[Sep005Channel]:
-    """The channels of one array: itself, or its columns."""
+    """Yield the channels of one array: itself, or its columns."""
     values = array.values
     if values.ndim == 1:
         bare, unit = split_unit(name)
@@ -196,7 +196,7 @@ def _channel(
 
 
 def _rate(array: NamedArray, path: Path) -> float | None:
-    """The sampling rate in its notes, perhaps as the interval [Hz]."""
+    """Return the sampling rate in its notes, perhaps as the interval [Hz]."""
     rate = _find_note(array.notes, RATE)
     if rate is not None:
         return _number(rate, "the sampling rate", _FREQUENCY, path)
@@ -211,7 +211,7 @@ def _rate(array: NamedArray, path: Path) -> float | None:
 
 
 def _number(stated: Any, what: str, factors: Mapping[str, float], path: Path) -> float:
-    """A number, perhaps with its unit: 50, "50 Hz", several that are equal."""
+    """Return a number, perhaps with its unit: 50, "50 Hz", several that are equal."""
     values = np.unique(np.asarray(stated))
     found = _QUANTITY.fullmatch(str(values[0])) if len(values) == 1 else None
     if values.dtype.kind in "iuf" and len(values) == 1 and np.isfinite(values[0]):
@@ -228,7 +228,7 @@ def _shorten(stated: Any) -> str:
 
 
 def _find_time(stamps: list[NamedArray], array: NamedArray) -> NamedArray | None:
-    """The time of an array: of its own group, else of one around it."""
+    """Return the time of an array: of its own group, else of one around it."""
     fitting = [
         each
         for each in stamps
@@ -298,7 +298,7 @@ def _start(notes: Notes, path: Path) -> str | None:
 
 
 def _find_note(notes: Notes, names: tuple[str, ...]) -> Any:
-    """The first of these notes that there is, as a Python value."""
+    """Return the first of these notes that there is, as a Python value."""
     plain = {key.lower().replace(" ", "_").replace("-", "_"): each for key, each in notes.items()}
     value = next((plain[name] for name in names if name in plain), None)
     if isinstance(value, np.ndarray) and value.size == 1:

@@ -201,7 +201,7 @@ class ChannelTable:
 
     @property
     def sampling_rate(self) -> float | None:
-        """As stated, else from the time stamps [Hz]; None without either."""
+        """Sampling rate as stated, else from the time stamps [Hz]; None without either."""
         if self.stated_rate is not None or self.times is None:
             return self.stated_rate
         return rate_of_stamps(self.times)

@@ -186,7 +186,7 @@ def mean_speeds(points: WindPoints, wind: Wind, hub_height: float, speed: float)
 
 
 def hub_height(model: StructuralModel) -> float:
-    """Of the rotor's apex above mean water level [m]."""
+    """Height of the rotor's apex above mean water level [m]."""
     return float(model.description.tower_top + apex(model.description.rotor_nacelle)[2])
 
 
@@ -282,12 +282,12 @@ class WindLoad:
         return np.where(frequencies[:, None] <= self.wind.highest_frequency, spectrum, 0.0)
 
     def along_spectrum(self, frequencies: FloatArray, speed: float) -> FloatArray:
-        """Of u at any point, (n_frequencies,) [(m/s)²/Hz]."""
+        """Spectrum of u at any point, (n_frequencies,) [(m/s)²/Hz]."""
         deviation = self.wind.turbulence_intensity * speed
         return kaimal(frequencies, wind_speed=speed, deviation=deviation, length=ALONG_LENGTH)
 
     def across_spectrum(self, frequencies: FloatArray, speed: float) -> FloatArray:
-        """Of v at any point, (n_frequencies,) [(m/s)²/Hz]."""
+        """Spectrum of v at any point, (n_frequencies,) [(m/s)²/Hz]."""
         deviation = ACROSS_SHARE * self.wind.turbulence_intensity * speed
         return kaimal(frequencies, wind_speed=speed, deviation=deviation, length=ACROSS_LENGTH)
 

@@ -184,7 +184,7 @@ class FaultyUnit:
         return self._link.finish()
 
     def _measured(self, block: AccelerationBlock) -> AccelerationBlock:
-        """The block with what goes wrong inside the unit."""
+        """Return the block with what goes wrong inside the unit."""
         present = [fault for fault in self._faults if _touches(fault, block)]
         if not present:
             return block
@@ -235,7 +235,7 @@ class FaultyUnit:
 
 
 def _instants(block: AccelerationBlock) -> NDArray[np.float64]:
-    """Of the sample before the block and of its own, since the session's first [s]."""
+    """Return times of the sample before the block and of its own, since the session's first [s]."""
     return (block.first_sample + np.arange(-1, len(block.samples))) / block.sampling_rate
 
 

@@ -119,7 +119,7 @@ class Instruments:
                 )
 
     def noise_deviation(self, sampling_rate: float) -> float:
-        """Of the samples [m/s²]: the density times the root of the band up to half the rate."""
+        """Standard deviation of the noise [m/s²]: the density times √(half the sampling rate)."""
         return float(self.noise_density * np.sqrt(0.5 * sampling_rate))
 
     def drift(self, times: FloatArray, n_channels: int) -> FloatArray:
@@ -189,7 +189,7 @@ class MountedAxes:
         return np.cos(angle) * along + np.sin(angle) * across
 
     def variances(self, in_nacelle: FloatArray, yaw: float) -> FloatArray:
-        """Of what the axes read where x and y are independent, (n_channels,) [(m/s²)²].
+        """Return variances of the readings where x and y are independent, (n_channels,) [(m/s²)²].
 
         Parameters
         ----------

@@ -3,11 +3,14 @@
 Everything is a function of the time since the first sample; before it, the beginning holds.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.errors import InputError
@@ -201,7 +204,7 @@ class Schedule:
         )
 
     def level(self, time: float) -> float:
-        """Of the water above the mean [m]."""
+        """Return the water level above the mean [m]."""
         return self.mean_level + self.tide.amplitude * self.tide.phase(time)
 
     def stiffness_factors(self, time: float, motion: float = 0.0) -> FloatArray:
@@ -228,3 +231,33 @@ class Schedule:
         """Return a figure's largest value."""
         given = [getattr(s, name) for s in self.stages if getattr(s, name) is not None]
         return float(max(given or [getattr(self, name)]))
+
+
+def scada_samples(
+    schedule: Schedule, *, turbine: str, start_ns: int, period: float, duration: float
+) -> Iterator[ScadaSample]:
+    """Yield what the controller of a simulated turbine reports, from the first sample on.
+
+    Parameters
+    ----------
+    start_ns : int
+        Sensor clock at the first sample [ns since 1970-01-01 UTC].
+    period : float
+        Time between two samples [s].
+    duration : float
+        Duration of the session [s].
+    """
+    for number in range(int(duration / period - 1e-9) + 1):
+        time = number * period
+        rotor = schedule.rotor(time)
+        yield ScadaSample(
+            turbine=turbine,
+            time_ns=start_ns + round(time * NANOSECONDS),
+            state=schedule.state(time),
+            wind_speed=schedule.figure("wind_speed", time),
+            rotor_speed=rotor.rotor_speed,
+            pitch=rotor.pitch,
+            yaw=schedule.figure("yaw", time),
+            power=rotor.power,
+            water_level=schedule.level(time),
+        )

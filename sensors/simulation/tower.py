@@ -1,6 +1,8 @@
 """SimulatedTower: loads → response → noisy blocks, as one acquisition unit would send them."""
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from itertools import islice
 
@@ -17,11 +19,10 @@ from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.simulated_modes import StructureModes
 from sensors.loads import RandomStream, generator
 from sensors.simulation.acquisition_units import read_by_units, unit_layouts
-from sensors.simulation.chunks import prefetch, split_into_blocks, trim
 from sensors.simulation.faults import with_faults
 from sensors.simulation.instruments import Decimator, MountedAxes, quantise
 from sensors.simulation.loads_over_time import build_loads, build_schedule, true_springs
-from sensors.simulation.scada_samples import scada_samples
+from sensors.simulation.schedule import scada_samples
 from sensors.simulation.settings import (
     LOWEST_INTEGRATION_RATE,
     SimulationError,
@@ -206,7 +207,7 @@ class SimulatedTower:
                 motion = self._structure.mudline_motion(response)
 
     def _forces(self, chunk: int, n_chunks: int | None) -> Iterator[FloatArray]:
-        """Of all loads, (chunk, n_series) each; every load is made in a thread of its own."""
+        """Yield the forces of all loads, (chunk, n_series) each; a thread makes each load."""
         with ExitStack() as threads:
             series = []
             for load in self._loads:
@@ -302,3 +303,44 @@ def merge_by_time(
     while waiting is not None:
         yield waiting
         waiting = next(samples, None)
+
+
+def trim(chunks: Iterator[FloatArray], *, first: int, count: int) -> Iterator[FloatArray]:
+    """Samples first to first + count of a stream of chunks, (n, n_channels) each."""
+    to_skip, wanted = first, count
+    while wanted > 0:
+        chunk = next(chunks)
+        kept = chunk[to_skip : to_skip + wanted]
+        to_skip = max(0, to_skip - len(chunk))
+        wanted -= len(kept)
+        if len(kept):
+            yield kept
+
+
+def prefetch(chunks: Iterator[FloatArray], depth: int) -> Generator[FloatArray]:
+    """Yield a stream whose next `depth` chunks are made in another thread while one is used.
+
+    Closed early, it makes no further chunk than the one that is being made.
+    """
+    pool = ThreadPoolExecutor(1, thread_name_prefix="loads")
+    try:
+        waiting = deque(pool.submit(next, chunks, None) for _ in range(depth))
+        while (chunk := waiting.popleft().result()) is not None:
+            waiting.append(pool.submit(next, chunks, None))
+            yield chunk
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def split_into_blocks(
+    chunks: Iterator[NDArray[np.float32]], size: int
+) -> Iterator[NDArray[np.float32]]:
+    """Yield the stream cut into blocks of `size` samples; the last one may be shorter."""
+    held: NDArray[np.float32] | None = None
+    for chunk in chunks:
+        held = chunk if held is None else np.concatenate([held, chunk])
+        whole = len(held) // size * size
+        yield from (held[start : start + size] for start in range(0, whole, size))
+        held = held[whole:]
+    if held is not None and len(held):
+        yield held

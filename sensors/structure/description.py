@@ -244,7 +244,7 @@ def _cut(tube: Tube, times: int) -> Iterator[Tube]:
 
 
 def bare_mast(layout: SensorLayout) -> TurbineDescription:
-    """One tube from the ground or the lowest sensor up to the highest one.
+    """Return one tube from the ground or the lowest sensor up to the highest one.
 
     To be drawn, never to be calculated with: wall, steel and springs stand for nothing.
     """

@@ -30,7 +30,7 @@ class Placement:
 
     @classmethod
     def as_stated(cls, n_channels: int) -> "Placement":
-        """Every sensor as its layout has it."""
+        """Return every sensor as its layout has it."""
         return cls(np.zeros(n_channels), np.zeros(n_channels))
 
 
@@ -81,7 +81,7 @@ class MovableReadings:
 
     @classmethod
     def of(cls, model: StructuralModel, layout: SensorLayout) -> "MovableReadings":
-        """The readings of a model's degrees of freedom.
+        """Return the readings of a model's degrees of freedom.
 
         Raises
         ------
@@ -105,12 +105,12 @@ class MovableReadings:
 
     @property
     def stated(self) -> Motion:
-        """Of sensors that are where their layout has them."""
+        """Return the placement of sensors that are where their layout has them."""
         displacement, slope = self.along
         return Motion(displacement[0], slope[0])
 
     def at(self, placement: Placement) -> PlacedReadings:
-        """What the channels read at a placement."""
+        """Return what the channels read at a placement."""
         heights, headings = placement.heights, placement.headings
         along, across = _moved(self.along, heights), _moved(self.across, heights)
         raised = _raised(self.along, heights), _raised(self.across, heights)
@@ -131,7 +131,7 @@ def _at_a_right_angle(axis: Sequence[float]) -> tuple[float, float, float]:
 def _coefficients(
     model: StructuralModel, places: Sequence[tuple[float, Sequence[float]]]
 ) -> tuple[FloatArray, FloatArray]:
-    """Of displacement and g ψ at heights along axes."""
+    """Return coefficients of displacement and g ψ at heights along axes."""
     below, here, above = (
         np.array([_followed(model, z + rise, axis) for z, axis in places])
         for rise in (-HALF_SPAN, 0.0, HALF_SPAN)

@@ -176,7 +176,7 @@ def blade_bending(blades: Blades, direction: BladeDirection) -> BladeBending:
 
 
 def twisted_blade_bending(blades: Blades) -> BladeBending:
-    """One blade's bending in both directions, coupled where an element's axes are turned.
+    """Return one blade's bending in both directions, coupled where an element's axes are turned.
 
     Degrees of freedom: those of `blade_bending` flapwise, then edgewise. An element bends about
     axes turned by its twist τ, v_p = cos τ v_flap + sin τ v_edge and across it; its own

@@ -86,7 +86,7 @@ class StructuralModel:
         return stiffness
 
     def on_springs(self, theta: ArrayLike) -> "StructuralModel":
-        """The same structure on other springs θ, (3,) [N/m, N·m/rad, N/rad]."""
+        """Return the same structure on other springs θ, (3,) [N/m, N·m/rad, N/rad]."""
         return replace(self, theta=np.asarray(theta, dtype=np.float64))
 
     def tower_displacement(self, elevation: float, direction: Sequence[float]) -> FloatArray:

@@ -20,13 +20,12 @@ from pipeline.messages import FoundationPosterior, FoundationTruth, Message, Mod
 from pipeline.nodes.node import Node
 from pipeline.recording.reader import decoded, read_messages, recorded_messages
 from pipeline.recording.session_recorder import SessionRecorder
-from pipeline.runtime.runner import one_blas_thread
 from pipeline.scenario import Scenario
 from pipeline.sources.sources import replayed
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
-from sensors.arrays import FloatArray
+from sensors.arrays import FloatArray, one_blas_thread
 from tests.benchmarks._drawn import PAPERS_MODES
 
 WINDOW = 600.0  # [s]

@@ -24,9 +24,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.archive.history.days import days_of
 from pipeline.archive.history.months import MonthWriter, WrittenMonth
-from pipeline.archive.history.turbine_history import TurbineHistory, history_plan, state_key
+from pipeline.archive.history.turbine_history import (
+    TurbineHistory,
+    days_of,
+    history_plan,
+    state_key,
+)
 from pipeline.archive.posteriors import posteriors
 from pipeline.archive.reprocessing import FINISHED, SURVEYS
 from pipeline.archive.store import FinishedResults

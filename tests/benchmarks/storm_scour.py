@@ -19,12 +19,12 @@ import numpy as np
 from pipeline.messages import FoundationEvent, FoundationPosterior, ModalEstimate
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.operating_state import usable_estimate
-from pipeline.runtime.runner import one_blas_thread
 from pipeline.runtime.source_feed import with_end
 from pipeline.scenario import Scenario, load_scenario
 from pipeline.sources.sources import simulated
 from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.updater import FoundationUpdater
+from sensors.arrays import one_blas_thread
 from sensors.dynamics.modal_model import ModalModel
 from tests.benchmarks._results import is_old, keep, kept
 

@@ -19,9 +19,8 @@ import pytest
 from mcap.reader import make_reader
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
-from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.alarms.outbox import DeliveryState
-from pipeline.monitoring.metrics import MetricsNode, served
+from pipeline.monitoring.metrics import MetricsNode, delivery_families, served
 from pipeline.recording.reader import read_messages
 from pipeline.transport.zenoh_bus import free_endpoint
 from tests.docs.conftest import script

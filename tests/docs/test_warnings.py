@@ -10,7 +10,7 @@ from pipeline.nodes.units import block_admission
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "pages" / "reference" / "warnings.md"
-MAKERS = {"QualityWarning", "Refusal", "Finding", "rejected_estimate"}
+MAKERS = {"QualityWarning", "Finding", "rejected_estimate"}
 CODE = re.compile(r"[a-z]+(?:-[a-z]+)*")
 BY_TEXT = {"no-paired-mode", "mode-birth", "mode-death", "mode-drift"}  # made otherwise
 

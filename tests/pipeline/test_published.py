@@ -33,9 +33,8 @@ from pipeline.cli.tables.recordings import (
 from pipeline.cli.tables.running import status_tables
 from pipeline.export.export import export
 from pipeline.messages import Message, QualityWarning, WindowRejected
-from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.alarms.outbox import DeliveryState
-from pipeline.monitoring.metrics import MetricsNode
+from pipeline.monitoring.metrics import MetricsNode, delivery_families
 from pipeline.monitoring.status import StatusNode
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.recording.info import recording_info

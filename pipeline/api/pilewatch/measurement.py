@@ -73,7 +73,7 @@ class Measurement:
         )
 
     def between(self, start: float, end: float) -> Measurement:
-        """The samples of a part of the record.
+        """Return the samples of a part of the record.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class Measurement:
         )
 
     def to_dataframe(self) -> pd.DataFrame:
-        """The samples as a table, one column a channel, indexed by time.
+        """Return the samples as a table, one column a channel, indexed by time.
 
         Returns
         -------
@@ -124,7 +124,7 @@ class Measurement:
         return pandas.DataFrame(self.samples, index=index, columns=list(self.channels))
 
     def to_xarray(self) -> xr.DataArray:
-        """The samples as a labelled array with the dimensions time [s] and channel."""
+        """Return the samples as a labelled array with the dimensions time [s] and channel."""
         xarray = require("xarray")
         return xarray.DataArray(
             self.samples,
@@ -267,7 +267,7 @@ def measurement_of(
     channels: Sequence[str] | None,
     layout: SensorLayout | None,
 ) -> Measurement:
-    """A Measurement of what a caller gave: one already, a file, or an array with its rate.
+    """Return a Measurement of what a caller gave: one already, a file, or an array with its rate.
 
     Raises
     ------
@@ -333,7 +333,7 @@ def _clock_of_index(samples: object) -> tuple[int, FloatArray | None]:
 
 
 def positive(name: str, value: object, unit: str) -> float:
-    """A caller's number above 0.
+    """Return a caller's number above 0.
 
     Raises
     ------

@@ -76,7 +76,7 @@ class Modes:
         return f"<Modes: {len(self)} in the last of {windows}{rejected}: {listed}{more} Hz>"
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a mode and window.
+        """Return one row a mode and window.
 
         Returns
         -------
@@ -107,7 +107,7 @@ class Modes:
         return pandas.DataFrame(rows)
 
     def to_xarray(self) -> xr.Dataset:
-        """The last window's modes: frequency, damping ratio and shape with their std."""
+        """Return the last window's modes: frequency, damping ratio and shape with their std."""
         xarray = require("xarray")
         per_mode = {
             name: ("mode", np.array([getattr(mode, name) for mode in self.last]))
@@ -273,7 +273,7 @@ def _window_samples(measured: Measurement, window: float | None) -> int:
 
 
 def with_layout(modes: Modes, layout: SensorLayout) -> Modes:
-    """The same modes with the places of their channels.
+    """Return the same modes with the places of their channels.
 
     Raises
     ------

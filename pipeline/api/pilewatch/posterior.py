@@ -73,7 +73,7 @@ class Posterior:
         return np.asarray((high - low) / 2)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a parameter: unit, nominal, median, 5 % and 95 % quantile."""
+        """Return one row a parameter: unit, nominal, median, 5 % and 95 % quantile."""
         pandas = require("pandas")
         summaries = (*self.message.parameters, *self.message.figures)
         names = ("name", "unit", "nominal", "median", "p05", "p95")
@@ -81,7 +81,7 @@ class Posterior:
         return pandas.DataFrame(rows).set_index("name")
 
     def to_xarray(self) -> xr.Dataset:
-        """The draws of k11, k22 and k12 with the dimensions chain and draw."""
+        """Return the draws of k11, k22 and k12 with the dimensions chain and draw."""
         xarray = require("xarray")
         variables = {
             name: (("chain", "draw"), self.draws[None, :, number])
@@ -90,7 +90,7 @@ class Posterior:
         return xarray.Dataset(variables)
 
     def to_inference_data(self) -> Any:
-        """The draws for arviz.
+        """Return the draws for arviz.
 
         Returns
         -------
@@ -206,7 +206,7 @@ if TYPE_CHECKING:
 def chosen_scenario(
     scenario: str | os.PathLike[str] | None, *, exact: bool, seed: int | None
 ) -> Scenario:
-    """The settings of an updating: a scenario's, or the defaults of one that sets nothing.
+    """Return the settings of an updating: a scenario's, or the defaults of one that sets nothing.
 
     Raises
     ------
@@ -236,9 +236,9 @@ def updated(
 ) -> list[Answer]:
     """Every posterior, event and rejected window, in order, as a session of these gives them."""
     from pipeline.nodes.updating import TurbineUpdating
-    from pipeline.runtime.runner import one_blas_thread
     from pipeline.updating.structural.inference import joint_inference
     from pipeline.updating.updater import FoundationUpdater
+    from sensors.arrays import one_blas_thread
 
     settings, population = scenario.updating, scenario.population
     with one_blas_thread():

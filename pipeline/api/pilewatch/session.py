@@ -46,7 +46,7 @@ class Session:
         return self.posteriors[-1] if self.posteriors else None
 
     def measurement(self) -> Measurement:
-        """The recorded samples, read when they are asked for."""
+        """Return the recorded samples, read when they are asked for."""
         return read(self.path)
 
     def __repr__(self) -> str:

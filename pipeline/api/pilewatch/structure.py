@@ -44,7 +44,7 @@ class StructureModes:
         return f"<StructureModes: {len(self.labels)} modes: {listed}, … Hz>"
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a mode: label, frequency_hz, then one column a channel."""
+        """Return one row a mode: label, frequency_hz, then one column a channel."""
         pandas = require("pandas")
         rows = {"label": self.labels, "frequency_hz": self.frequencies}
         columns = dict(zip(self.channels, self.shapes.T, strict=True))
@@ -119,7 +119,7 @@ class Structure:
         return f"<Structure: {self.description.name}>"
 
     def model(self, layout: SensorLayout | None = None) -> ModalModel:
-        """The reduced model that the updating evaluates, seen by the sensors of a layout."""
+        """Return the reduced model that the updating evaluates, seen by the sensors of a layout."""
         from sensors.dynamics.modal_model import ModalModel
 
         return ModalModel(self.description, layout or self._default_layout())
@@ -170,7 +170,7 @@ class Structure:
         return default_layout(self.description)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """One row a tube, lowest first: bottom, top, diameter, thickness [m]."""
+        """Return one row a tube, lowest first: bottom, top, diameter, thickness [m]."""
         pandas = require("pandas")
         keys = ("bottom", "top", "diameter", "thickness")
         rows = [{f"{k}_m": getattr(tube, k) for k in keys} for tube in self.description.tubes]
@@ -195,7 +195,7 @@ class Structure:
 
 
 def structure_of(given: Structure | str | os.PathLike[str]) -> Structure:
-    """A Structure of what a caller gave: one already, or the name or path of a description.
+    """Return a Structure of what a caller gave: one already, or the name or path of a description.
 
     Raises
     ------

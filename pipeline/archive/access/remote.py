@@ -29,7 +29,7 @@ def is_remote(text: str) -> bool:
 
 
 def url_of(path: Path) -> str:
-    """The URL that a path stands for; "" for a file of a disk."""
+    """Return the URL that a path stands for; "" for a file of a disk."""
     first = path.parts[0] if path.parts else ""
     if not first.endswith(":") or not is_remote(f"{first}//"):
         return ""
@@ -37,7 +37,7 @@ def url_of(path: Path) -> str:
 
 
 def remote_files(pattern: str) -> list[Path]:
-    """The recordings that a URL names: a file, a folder with all below it, a pattern.
+    """Return the recordings that a URL names: a file, a folder with all below it, a pattern.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def on_disk(path: Path) -> Iterator[Path]:
 
 
 def _system(url: str) -> Any:
-    """The library that opens a URL.
+    """Return the library that opens a URL.
 
     Raises InputError where it is missing.
     """

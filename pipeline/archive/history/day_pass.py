@@ -108,7 +108,7 @@ class PassedDay:
         return (each for each in self.entries if isinstance(each, Call))
 
     def messages(self, results: Callable[[str], tuple[StoredFrame, ...]]) -> Iterator[Message]:
-        """All of them in order.
+        """Yield all of them in order.
 
         results   the frames that the call of a key has given
         """
@@ -117,7 +117,7 @@ class PassedDay:
 
 
 def passed_day(plan: HistoryPlan, frames: tuple[StoredFrame, ...]) -> PassedDay:
-    """The day, taken apart."""
+    """Return the day, taken apart."""
     states = (TRACKED, UPDATED)
     entries = [
         _stretch_call(plan, content) if kind == STRETCH else (kind, content)

@@ -63,7 +63,7 @@ class WrittenMonth:
 
 
 def partition(folder: Path, table: str, turbine: str, month: str) -> Path:
-    """The file of a turbine's month in a table."""
+    """Return the file of a turbine's month in a table."""
     return folder / table / _named(turbine) / f"month={month}" / f"{table}.parquet"
 
 
@@ -76,7 +76,7 @@ def _manifest(folder: Path, turbine: str, month: str) -> Path:
 
 
 def written_months(folder: Path, turbine: str) -> dict[str, WrittenMonth]:
-    """The months of a turbine that are whole; one of which a file is gone or cut is not."""
+    """Return the months of a turbine that are whole; one of which a file is gone or cut is not."""
     found = {}
     for path in sorted((folder / WHOLE_MONTHS / _named(turbine)).glob("*.json")):
         try:
@@ -177,7 +177,7 @@ class MonthWriter:
         return partition(self._folder, table.name, self._turbine, self._month)
 
     def _file(self, table: ResultTable) -> "_DayFile":
-        """The file of a table, made when its first rows come."""
+        """Return the file of a table, made when its first rows come."""
         if table.name not in self._files:
             self._files[table.name] = _DayFile(self._writing / f"{table.name}.parquet", table)
         return self._files[table.name]
@@ -212,14 +212,14 @@ class _DayFile:
 
 
 def _rows_of_day(path: Path, key: str) -> pa.Table | None:
-    """The row group of a day; None where the day has no rows of that kind."""
+    """Return the row group of a day; None where the day has no rows of that kind."""
     with parquet.ParquetFile(path) as file:
         keys = json.loads(file.metadata.metadata[ROW_GROUPS])
         return file.read_row_group(keys.index(key)) if key in keys else None
 
 
 def _schema(table: ResultTable) -> pa.Schema:
-    """Of the table's files, which do without the column that the folder names."""
+    """Return the schema of the table's files, which lack the column that the folder names."""
     name, *_ = table.schema.names
     assert name == PARTITION_KEY
     return table.schema.remove(0)

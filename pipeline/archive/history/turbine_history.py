@@ -5,9 +5,16 @@ days      | ✓ ✓ … ✓ ✓ | ✓ ✓ ✓ ✓ ✓ changed  |     ✓ in the 
 passes                  from here ──►            a call a day, each from the state before it
 posteriors                        ▢ ▢ ▢          calls of some windows each, as a day has passed
 files                   ◄─ written again ──►
+
+A task belongs to the UTC day that its first window begins in. What a day's windows give depends on
+all days before, and on nothing else. A day's fingerprint is made of the one before and of its
+tasks: two archives with the same fingerprint at a day have the same history up to it, bit by bit.
 """
 
-from collections.abc import Generator, Iterator
+from collections import defaultdict
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import chain, groupby, pairwise
 from pathlib import Path
 
@@ -17,7 +24,6 @@ from pipeline.archive.history.day_pass import (
     day_frames,
     passed_day,
 )
-from pipeline.archive.history.days import Day, days_of
 from pipeline.archive.history.months import (
     WHOLE_MONTHS,
     MonthWriter,
@@ -30,7 +36,56 @@ from pipeline.archive.identification import IdentificationCall
 from pipeline.archive.store import FinishedResults, StoredFrame, key_of_result
 from pipeline.archive.turbines import TurbineArchive
 from pipeline.archive.work import Call
+from pipeline.messages import StreamGap
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Day:
+    """What one UTC day adds to a turbine's history."""
+
+    date: str  # 2026-01-05
+    calls: tuple[IdentificationCall, ...]  # in order of time
+    gaps: tuple[StreamGap, ...]  # that begin on it
+    content: str  # fingerprint of its tasks and gaps
+
+    @property
+    def month(self) -> str:
+        """2026-01"""
+        return self.date[:7]
+
+    def key(self, before: str, done: Sequence[bool]) -> str:
+        """Fingerprint of the history up to it.
+
+        before   of the day before; of the turbine's settings for the first
+        done     whether each task gave its windows
+        """
+        return key_of_result("day", before, self.content, "".join("-+"[each] for each in done))
+
+
+def days_of(calls: Iterable[IdentificationCall], gaps: Iterable[StreamGap]) -> tuple[Day, ...]:
+    """Return every day on which a task or a gap of one turbine begins; both in order of time."""
+    calls_of: dict[str, list[IdentificationCall]] = defaultdict(list)
+    gaps_of: dict[str, list[StreamGap]] = defaultdict(list)
+    for call in calls:
+        calls_of[date_of(call.task.start_ns)].append(call)
+    for gap in gaps:
+        gaps_of[date_of(gap.start_ns)].append(gap)
+    return tuple(
+        _day(date, calls_of.get(date, []), gaps_of.get(date, []))
+        for date in sorted({*calls_of, *gaps_of})
+    )
+
+
+def _day(date: str, calls: Sequence[IdentificationCall], gaps: Sequence[StreamGap]) -> Day:
+    content = key_of_result(*(call.task.content for call in calls), *map(repr, gaps))
+    return Day(date, tuple(calls), tuple(gaps), content)
+
+
+def date_of(time_ns: int) -> str:
+    """UTC date of a time, 2026-01-05."""
+    return datetime.fromtimestamp(time_ns // NANOSECONDS, UTC).date().isoformat()
 
 
 class TurbineHistory:
@@ -60,12 +115,12 @@ class TurbineHistory:
 
     @property
     def n_tasks(self) -> int:
-        """Of identification, in all."""
+        """Number of identification tasks in all."""
         return sum(len(day.calls) for day in self._days)
 
     @property
     def n_days(self) -> int:
-        """In all."""
+        """Number of days in all."""
         return len(self._days)
 
     @property
@@ -98,7 +153,7 @@ class TurbineHistory:
         return self._keys[number - 1] if number else self._plan.key
 
     def _written_key(self, number: int, day: Day) -> str | None:
-        """The day's fingerprint if the files have it; None if they do not."""
+        """Return the day's fingerprint if the files have it; None if they do not."""
         written = self._written.get(day.date)
         if written is None:
             return None
@@ -108,7 +163,7 @@ class TurbineHistory:
         return written if self._key(number, day) == written else None
 
     def _key(self, number: int, day: Day) -> str:
-        """The day's fingerprint by the tasks that have given their windows."""
+        """Return the day's fingerprint by the tasks that have given their windows."""
         done = [self._finished.get(call.key) is not None for call in day.calls]
         return day.key(self._before(number), done)
 
@@ -235,17 +290,17 @@ class TurbineHistory:
 
 
 def _pass_key(day: str) -> str:
-    """Of the pass over a day, by the day's fingerprint."""
+    """Return the key of the pass over a day, by the day's fingerprint."""
     return key_of_result("pass", day)
 
 
 def state_key(day: str) -> str:
-    """Of the state after a day, by the day's fingerprint."""
+    """Return the key of the state after a day, by the day's fingerprint."""
     return key_of_result("state", day)
 
 
 def history_plan(turbine: TurbineArchive) -> HistoryPlan:
-    """Of one turbine's archive."""
+    """Return the plan of one turbine's archive."""
     updating, oma = turbine.updating, turbine.scenario.oma
     key = key_of_result(
         "history",

@@ -1,11 +1,31 @@
 """What the tables of the commands share."""
 
+from collections.abc import Iterable
+
+from rich.markup import escape
 from rich.table import Table
 
 
-def table_of(title: str) -> Table:
-    """Return an empty table in the common style."""
-    return Table(title=title, title_justify="left", caption_justify="left", header_style="bold")
+def table_of(title: str, *texts: str, figures: Iterable[str] = (), no_wrap: bool = False) -> Table:
+    """Return an empty table in the common style.
+
+    Parameters
+    ----------
+    title : str
+        With rich's markup.
+    *texts : str
+        Headings of columns of text, on the left.
+    figures : iterable of str, optional
+        Headings of columns of figures, which are set to the right.
+    no_wrap : bool, optional
+        Whether every cell stays on one line.
+    """
+    table = Table(title=title, title_justify="left", caption_justify="left", header_style="bold")
+    for heading in texts:
+        table.add_column(escape(heading), no_wrap=no_wrap)
+    for heading in figures:
+        table.add_column(escape(heading), justify="right", no_wrap=no_wrap)
+    return table
 
 
 def format_value(figure: float | None, form: str) -> str:

@@ -24,15 +24,10 @@ def identified_modes_table(
     """Return the identified modes, beside the paired modes of the model and a second estimate of
     each from its spectral peak."""
     paired = any(mode.pair is not None for mode in modes)
-    table = table_of(f"Identified modes ({count_noun(windows, 'window')})")
-    for title in ("mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows"):
-        table.add_column(title, justify="right")
-    if paired:
-        for title in ("model f [Hz]", "MAC"):
-            table.add_column(title, justify="right")
-    if cross_checks is not None:
-        for title in ("EFDD f [Hz]", "ζ [%]"):
-            table.add_column(title, justify="right")
+    headings = ["mode", "f [Hz]", "± std", "ζ [%]", "± std", "windows"]
+    headings += ["model f [Hz]", "MAC"] if paired else []
+    headings += ["EFDD f [Hz]", "ζ [%]"] if cross_checks is not None else []
+    table = table_of(f"Identified modes ({count_noun(windows, 'window')})", figures=headings)
     for mode in modes:
         row = [
             mode.name + (" ≈" if mode.pair_id else ""),
@@ -59,9 +54,8 @@ def identified_modes_table(
 
 def refused_table(candidates: "Sequence[RefusedCandidate]") -> Table:
     """Return what looked like a mode and is not reported, with the reasons."""
-    table = table_of("Candidates that are no modes")
-    for title in ("window", "f [Hz]", "ζ [%]"):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("window", "f [Hz]", "ζ [%]")
+    table = table_of("Candidates that are no modes", figures=headings, no_wrap=True)
     table.add_column("code", no_wrap=True)
     table.add_column("reason")
     for each in candidates:
@@ -78,9 +72,11 @@ def refused_table(candidates: "Sequence[RefusedCandidate]") -> Table:
 
 def nearest_modes_table(nearest: "Sequence[NearestMode]") -> Table:
     """Return identified modes beside the model's nearest ones at the nominal foundation."""
-    table = table_of("Misfit mode by mode: the model's nearest mode at the nominal foundation")
-    for title in ("mode", "f [Hz]", "model's", "f [Hz]", "difference [%]", "MAC"):
-        table.add_column(title, justify="right", no_wrap=True)
+    table = table_of(
+        "Misfit mode by mode: the model's nearest mode at the nominal foundation",
+        figures=("mode", "f [Hz]", "model's", "f [Hz]", "difference [%]", "MAC"),
+        no_wrap=True,
+    )
     for each in nearest:
         apart = 100 * (each.identified.frequency / each.frequency - 1)
         table.add_row(
@@ -98,15 +94,14 @@ def model_modes_table(found: "ModelModes") -> Table:
     """Return the model's modes, beside the published frequencies of a description that has some."""
     description = found.model.description
     ratios = ", ".join(f"{ratio:g}" for ratio in found.ratios)
-    table = table_of(
-        f"{description.title or description.name}: modes at k11, k22, k12 = {ratios} × nominal "
-        f"(sign of k12: {description.foundation.sign})"
-    )
     modes = found.as_json()
     compared = any(mode["table1_hz"] is not None for mode in modes)
     published = ("published [Hz]", "difference") if compared else ()
-    for heading in ("mode", "direction", "f [Hz]", *published, "blade energy"):
-        table.add_column(heading, justify="right")
+    table = table_of(
+        f"{description.title or description.name}: modes at k11, k22, k12 = {ratios} × nominal "
+        f"(sign of k12: {description.foundation.sign})",
+        figures=("mode", "direction", "f [Hz]", *published, "blade energy"),
+    )
     for mode in modes:
         table.add_row(
             mode["name"],
@@ -127,14 +122,12 @@ def _beside(frequency: float, published: float | None) -> tuple[str, str]:
 
 def structure_tables(figures: "StructureFigures") -> list[Table]:
     """Return key figures of a description, and its first modes."""
-    described = table_of(figures.description.title or figures.description.name)
-    described.add_column("what")
-    described.add_column("figure", justify="right")
+    title = figures.description.title or figures.description.name
+    described = table_of(title, "what", figures=("figure",))
     for row in figures.rows():
         described.add_row(*row)
-    modes = table_of("First modes, at these springs")
-    for heading in ("f [Hz]", "direction", "blade energy"):
-        modes.add_column(heading, justify="right")
+    headings = ("f [Hz]", "direction", "blade energy")
+    modes = table_of("First modes, at these springs", figures=headings)
     for frequency, direction, blades in figures.first:
         modes.add_row(f"{frequency:.4f}", direction, f"{100 * blades:.0f} %")
     return [described, modes]

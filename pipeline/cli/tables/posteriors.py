@@ -1,11 +1,24 @@
 """Tables of posteriors: of one turbine, of many, of a pooled farm."""
 
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.table import Table
+
+from pipeline.cli.tables.cells import table_of
+from pipeline.messages import HALF_INTERVAL
+from pipeline.updating.prior import PARAMETER_NAMES
+from sensors.structure.figures import BY_NAME
+
+if TYPE_CHECKING:
+    from pipeline.offline.calibrate_turbine import TurbineCalibration
+    from pipeline.updating.structural.periods.calibration import UnseparatedFigures
+
 from collections.abc import Sequence
 
 from rich.markup import escape
-from rich.table import Table
 
-from pipeline.cli.tables.cells import format_value, table_of
+from pipeline.cli.tables.cells import format_value
 from pipeline.farm.farm import Farm
 from pipeline.messages import FoundationPosterior
 from pipeline.state.phrases import count_noun, figure_name
@@ -52,10 +65,8 @@ def figures_tables(posterior: Json) -> list[Table]:
     """
     if not posterior["figures"]:
         return []
-    table = table_of("Figures of the structure and its sensors")
-    table.add_column("", justify="right", no_wrap=True)
-    for title in ("median", "90 % interval", "unit", "from the data"):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("", "median", "90 % interval", "unit", "from the data")
+    table = table_of("Figures of the structure and its sensors", figures=headings, no_wrap=True)
     for name, each in posterior["figures"].items():
         median, low, high = (format_value(each[key], ".3g") for key in ("median", "p05", "p95"))
         narrowed = each.get("contraction")  # older summaries have none
@@ -72,9 +83,8 @@ def figures_tables(posterior: Json) -> list[Table]:
 
 def posteriors_table(posteriors: Sequence[Json]) -> Table:
     """Return the springs of many turbines: median and half the 90 % interval ÷ nominal."""
-    table = table_of("Foundation posteriors, ÷ nominal")
-    for title in ("turbine", "windows", "k11", "k22", "k12", "change", ""):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("turbine", "windows", "k11", "k22", "k12", "change", "")
+    table = table_of("Foundation posteriors, ÷ nominal", figures=headings, no_wrap=True)
     for each in posteriors:
         springs = [_plus_minus(each[name]) for name in ("k11", "k22", "k12")]
         table.add_row(
@@ -95,9 +105,9 @@ def _plus_minus(spring: Json) -> str:
 
 def farm_table(farm: Farm) -> Table:
     """Return every turbine's pooled springs and its probability of being an outlier."""
-    table = table_of(f"Springs ÷ nominal, {count_noun(len(farm.turbines), 'turbine')} pooled")
-    for title in ("turbine", "windows", "k11", "k22", "k12", "outlier"):
-        table.add_column(title, justify="right", no_wrap=True)
+    title = f"Springs ÷ nominal, {count_noun(len(farm.turbines), 'turbine')} pooled"
+    headings = ("turbine", "windows", "k11", "k22", "k12", "outlier")
+    table = table_of(title, figures=headings, no_wrap=True)
     for each in farm.turbines:
         springs = [
             f"{median:.3f} ± {50 * (high - low):.1f}"
@@ -119,9 +129,8 @@ def farm_table(farm: Farm) -> Table:
 
 def misfit_table(posterior: FoundationPosterior) -> Table:
     """Return the misfit and information of each paired mode."""
-    table = table_of("Misfit mode by mode")
-    for title in ("mode", "f [Hz]", "model [Hz]", "apart [%]", "misfit", "MAC", "information"):
-        table.add_column(title, justify="right", no_wrap=True)
+    headings = ("mode", "f [Hz]", "model [Hz]", "apart [%]", "misfit", "MAC", "information")
+    table = table_of("Misfit mode by mode", figures=headings, no_wrap=True)
     for pair in sorted(posterior.pairs, key=lambda pair: pair.frequency):
         apart = 100 * (pair.frequency / pair.model_frequency - 1)
         table.add_row(
@@ -140,3 +149,55 @@ def misfit_table(posterior: FoundationPosterior) -> Table:
         f"reduced χ² {posterior.reduced_chi_square:.2f}"
     )
     return table
+
+
+MOST_UNSEPARATED = 4  # combinations that are listed
+SENSOR_UNITS = {"gain": "-", "heading": "deg", "height": "m"}
+
+
+def calibration_table(found: "TurbineCalibration") -> Table:
+    """Return every figure: its prior, what the measurements make of it, what they added."""
+    best = found.best
+    headings = ("unit", "prior ±", "median", "±", "÷ prior")
+    title = f"Figures of the structure, {best.name}"
+    table = table_of(title, "figure", figures=headings, no_wrap=True)
+    medians, halves = best.departures
+    left = np.sqrt(np.diag(best.covariance))
+    rows = zip(best.names, found.calibration.stds, medians, halves, left, strict=True)
+    for name, std, median, half, deviation in rows:
+        table.add_row(
+            name,
+            _unit(name),
+            f"{std:.3g}",
+            f"{std * median:+.2g}",
+            f"{std * half:.2g}",
+            f"{deviation:.0%}",
+        )
+    logs, stds = best.log_springs
+    springs = ", ".join(
+        f"{name} {np.exp(log):.3f} ± {100 * HALF_INTERVAL * std:.1f} %"
+        for name, log, std in zip(PARAMETER_NAMES, logs, stds, strict=True)
+    )
+    table.caption = (
+        f"median: departure from the description; ÷ prior: what is left of the uncertainty; "
+        f"{found.calibration.source}; springs ÷ nominal in "
+        f"that time, 90 %: {springs}"
+    )
+    return table
+
+
+def unknown_lines(found: "TurbineCalibration") -> list[str]:
+    """Return what the measurements cannot separate, as sentences."""
+    return [_sentence(each) for each in found.best.unseparated[:MOST_UNSEPARATED]]
+
+
+def _sentence(found: "UnseparatedFigures") -> str:
+    words = [f"{'more' if part > 0 else 'less'} {name}" for name, part in found.parts.items()]
+    moved = ", ".join(
+        f"{name} by {move:+.1%}" for name, move in zip(PARAMETER_NAMES, found.moved, strict=True)
+    )
+    return f"Not separated from the springs: {' with '.join(words)} moves {moved}."
+
+
+def _unit(name: str) -> str:
+    return BY_NAME[name].unit if name in BY_NAME else SENSOR_UNITS[name.split()[0]]

@@ -2,25 +2,22 @@
 
 from collections.abc import Sequence
 
-from rich.markup import escape
 from rich.table import Table
 
 from pipeline.cli.tables.cells import table_of
 from pipeline.recording.info import RecordingInfo, UnitInfo
 from pipeline.scenario import Scenario
-from sensors.json_values import Json
+from sensors.json_values import Json, fields_of
 
 
 def recording_tables(info: RecordingInfo) -> list[Table]:
     """Return channels, units with their gaps, and nodes of a recording."""
-    channels = table_of(f"{info.path} · {info.size / 1e6:.2f} MB · {info.duration:.1f} s")
-    for title in ("key", "message", "count"):
-        channels.add_column(title, justify="right" if title == "count" else "left")
+    title = f"{info.path} · {info.size / 1e6:.2f} MB · {info.duration:.1f} s"
+    channels = table_of(title, "key", "message", figures=("count",))
     for channel in info.channels:
         channels.add_row(channel.key, channel.message, str(channel.count))
-    units = table_of("Acquisition units")
-    for title in ("unit", "session", "rate [Hz]", "channels", "blocks", "duration [s]", "gaps"):
-        units.add_column(escape(title), justify="right")
+    headings = ("unit", "session", "rate [Hz]", "channels", "blocks", "duration [s]", "gaps")
+    units = table_of("Acquisition units", figures=headings)
     for unit in info.units:
         missing = sum((gap.end_ns - gap.start_ns) * 1e-9 for gap in unit.gaps)
         units.add_row(
@@ -32,16 +29,16 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
             f"{unit.duration:.1f}",
             f"{len(unit.gaps)} ({missing:.1f} s)" if unit.gaps else "none",
         )
-    nodes = table_of("Last status of the nodes")
-    accounts = ("recovered", "lost", "late", "duplicate")
-    for title in ("node", "state", "last block", *accounts, "busy [s]"):
-        nodes.add_column(escape(title), justify="right")
+    counts = ("recovered", "lost", "late", "duplicate")
+    nodes = table_of(
+        "Last status of the nodes", figures=("node", "state", "last block", *counts, "busy [s]")
+    )
     for status in info.health:
         nodes.add_row(
             status.node,
             status.state,
             str(status.last_sequence) if status.last_sequence >= 0 else "",
-            *(str(getattr(status, name)) for name in accounts),
+            *(str(getattr(status, name)) for name in counts),
             f"{status.busy_s:.2f}",
         )
     return [channels, units] + ([nodes] if info.health else [])
@@ -54,31 +51,21 @@ def info_json(info: RecordingInfo) -> Json:
         "size_bytes": info.size,
         "duration_s": info.duration,
         "metadata": info.metadata,
-        "channels": [
-            {"key": each.key, "message": each.message, "count": each.count}
-            for each in info.channels
-        ],
+        "channels": [fields_of(each, "key", "message", "count") for each in info.channels],
         "units": [_unit_json(unit) for unit in info.units],
-        "nodes": [
-            {"node": each.node, "state": each.state, "lost": each.lost, "late": each.late}
-            for each in info.health
-        ],
+        "nodes": [fields_of(each, "node", "state", "lost", "late") for each in info.health],
     }
 
 
 def _unit_json(unit: UnitInfo) -> Json:
     return {
-        "turbine": unit.turbine,
-        "unit": unit.unit,
-        "session": unit.session,
+        **fields_of(unit, "turbine", "unit", "session"),
         "sampling_rate_hz": unit.sampling_rate,
         "channels": unit.n_channels,
         "blocks": unit.n_blocks,
-        "start_ns": unit.start_ns,
-        "end_ns": unit.end_ns,
+        **fields_of(unit, "start_ns", "end_ns"),
         "gaps": [
-            {"start_ns": gap.start_ns, "end_ns": gap.end_ns, "blocks": gap.n_blocks}
-            for gap in unit.gaps
+            fields_of(gap, "start_ns", "end_ns") | {"blocks": gap.n_blocks} for gap in unit.gaps
         ],
     }
 

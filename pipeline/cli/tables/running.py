@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
@@ -13,35 +12,26 @@ from pipeline.cli.tables.posteriors import posterior_table, posteriors_table
 
 def status_tables(status: Mapping[str, Any]) -> list[Table]:
     """Return nodes and their warnings, streams, posteriors, gaps of a running session."""
-    nodes = table_of(f"nodes of {status['source']}")
     rare = ("recovered", "late", "duplicate", "malformed")  # shown where there are any
-    count_noun = (
-        "received",
-        "lost",
-        *(n for n in rare if any(each[n] for each in status["nodes"])),
-    )
-    nodes.add_column("node", no_wrap=True)  # shares of a node differ in the last letters
-    nodes.add_column("condition")
-    for title in ("silent [s]", "behind [blocks]", *count_noun):
-        nodes.add_column(escape(title), justify="right")
+    shown = (name for name in rare if any(each[name] for each in status["nodes"]))
+    counts = ("received", "lost", *shown)
+    headings = ("silent [s]", "behind [blocks]", *counts)
+    nodes = table_of(f"nodes of {status['source']}", "node", "condition", figures=headings)
+    nodes.columns[0].no_wrap = True  # shares of a node differ in the last letters
     for each in status["nodes"]:
         behind = "" if each["behind_blocks"] is None else str(each["behind_blocks"])
-        counts = (str(each[name]) for name in count_noun)
-        nodes.add_row(each["node"], each["condition"], f"{each['silence_s']:.1f}", behind, *counts)
-    streams = table_of("streams")
-    streams.add_column("key", overflow="fold")
-    streams.add_column("condition")
-    for title in ("silent [s]", "messages", "rate [1/s]"):
-        streams.add_column(escape(title), justify="right")
+        cells = (str(each[name]) for name in counts)
+        nodes.add_row(each["node"], each["condition"], f"{each['silence_s']:.1f}", behind, *cells)
+    headings = ("silent [s]", "messages", "rate [1/s]")
+    streams = table_of("streams", "key", "condition", figures=headings)
+    streams.columns[0].overflow = "fold"
     for each in status["streams"]:
         rate = "" if each["rate_hz"] is None else f"{each['rate_hz']:.2f}"
         silence, messages = f"{each['silence_s']:.1f}", str(each["messages"])
         streams.add_row(each["key"], each["condition"], silence, messages, rate)
     known = status["posteriors"]
     posteriors = [posteriors_table(known)] if len(known) > 1 else [*map(posterior_table, known)]
-    links = table_of("connections, by certificate or address")
-    links.add_column("who")
-    links.add_column("links", justify="right")
+    links = table_of("connections, by certificate or address", "who", figures=("links",))
     for who, count in status["connections"].items():
         links.add_row(who, str(count))
     connected = [links] if status["connections"] else []
@@ -53,9 +43,7 @@ def _alarm_tables(alarms: Sequence[Mapping[str, str]]) -> list[Table]:
     """Return what a person must look into although nothing has failed."""
     if not alarms:
         return []
-    table = table_of("alarms of the books")
-    for title in ("turbine", "alarm"):
-        table.add_column(title)
+    table = table_of("alarms of the books", "turbine", "alarm")
     for alarm in alarms:
         table.add_row(Text(alarm["turbine"]), Text(alarm["text"]))
     return [table]
@@ -66,9 +54,7 @@ def _warning_tables(nodes: Sequence[Mapping[str, Any]]) -> list[Table]:
     rows = [(each["node"], Text(text)) for each in nodes for text in each["warnings"]]
     if not rows:
         return []
-    table = table_of("warnings of nodes")
-    for title in ("node", "warning"):
-        table.add_column(title)
+    table = table_of("warnings of nodes", "node", "warning")
     for row in rows:
         table.add_row(*row)
     return [table]
@@ -77,9 +63,7 @@ def _warning_tables(nodes: Sequence[Mapping[str, Any]]) -> list[Table]:
 def _gap_tables(gaps: Sequence[Mapping[str, Any]]) -> list[Table]:
     if not gaps:
         return []
-    table = table_of("latest gaps")
-    for title in ("turbine", "unit", "missing [s]", "blocks"):
-        table.add_column(escape(title))
+    table = table_of("latest gaps", "turbine", "unit", "missing [s]", "blocks")
     for gap in gaps:
         table.add_row(gap["turbine"], gap["unit"], f"{gap['duration_s']:.1f}", str(gap["blocks"]))
     return [table]

@@ -181,12 +181,12 @@ def _seconds(nanoseconds: int) -> float:
 
 
 def encoded_notices(notices: Sequence[Alarm]) -> bytes:
-    """As the file of an alarm log."""
+    """Return alarms as the file of an alarm log."""
     return json.dumps([asdict(each) for each in notices], ensure_ascii=False, indent=1).encode()
 
 
 def decoded_notices(content: bytes) -> tuple[Alarm, ...]:
-    """The alarms of a log's file. Raises ValueError if it is none."""
+    """Return the alarms of a log's file. Raises ValueError if it is none."""
     known = {field.name for field in fields(Alarm)}
     try:
         return tuple(

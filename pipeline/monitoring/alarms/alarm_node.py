@@ -77,7 +77,7 @@ class AlarmNode(Sink):
         self._log = AlarmLog(settings, notices_in(self._path))
         self._saved = self._log.notices
         self._lock = threading.Lock()
-        self._checked_ns, self._heard_ns = 0, clock()
+        self._checked_ns, self._received_ns = 0, clock()
         self._outboxes = [Outbox(folder / channel.name, clock=clock) for channel in channels]
         self._deliveries = [
             DeliveryThread(channel, outbox, clock=clock)
@@ -92,7 +92,7 @@ class AlarmNode(Sink):
 
     def handle(self, message: Message) -> Iterable[Message]:
         """Take note of a message. Returns nothing and waits for no receiver."""
-        now_ns = self._heard_ns = self._clock()
+        now_ns = self._received_ns = self._clock()
         with self._lock:
             conditions = list(self._rules.causes(message, now_ns))
             check = now_ns - self._checked_ns >= CHECKED_EVERY
@@ -126,7 +126,7 @@ class AlarmNode(Sink):
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
-        """For the node's status: which channels do not deliver, and what was dropped."""
+        """Channels that do not deliver, and what was dropped."""
         problems = [
             *((each.name, each.problem) for each in self._deliveries),
             *((each.name, each.problem) for each in self._heartbeats),
@@ -180,13 +180,13 @@ class AlarmNode(Sink):
             yield AlarmCondition(key, "delivery", WHOLE_SESSION, text, over=not text, counted=False)
 
     def _undelivered(self, state: DeliveryState) -> str:
-        """The sentence on a channel whose messages wait for too long; "" if they do not."""
+        """Return the sentence on a channel whose messages wait for too long; "" if they do not."""
         if state.age < self._settings.undelivered:
             return ""
         return f"{state.waiting} alarm messages wait for {state.channel}: {state.problem}"
 
     def _pulse(self) -> Pulse:
-        return Pulse(self._heard_ns, sum(not each.closed for each in self._log.notices))
+        return Pulse(self._received_ns, sum(not each.closed for each in self._log.notices))
 
     def _queue(self, raised: Sequence[AlarmMessage]) -> None:
         for message in raised:
@@ -206,7 +206,7 @@ class AlarmNode(Sink):
 
 
 def notices_in(path: Path) -> tuple[Alarm, ...]:
-    """The alarms of a log's file; none if there is no file.
+    """Return the alarms of a log's file; none if there is no file.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def notices_in(path: Path) -> tuple[Alarm, ...]:
 
 
 def listed(log: AlarmLog, unknown: Sequence[int] = ()) -> dict[str, Any]:
-    """An alarm log as it is answered; names are stable."""
+    """Return an alarm log as it is answered; names are stable."""
     return {"notices": [asdict(each) for each in log.notices], "unknown": list(unknown)}
 
 

@@ -84,7 +84,7 @@ class AlarmRules:
         self._books_keys: dict[str, str] = {}  # of alarms of the books that last: key → turbine
 
     def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
-        """The conditions that one message starts or ends."""
+        """Yield the conditions that one message starts or ends."""
         self._run.fold(message, now_ns)
         found: Iterable[AlarmCondition] = ()
         match message:
@@ -122,7 +122,8 @@ class AlarmRules:
         if seconds < self._settings.shortest_gap:
             return
         begin = moment_text(gap.start_ns)
-        text = f"{_spoken(seconds)} of measurements of unit {gap.unit} are missing, from {begin} on"
+        length = _duration_text(seconds)
+        text = f"{length} of measurements of unit {gap.unit} are missing, from {begin} on"
         key = f"{gap.turbine}/gap/{gap.unit}"
         yield AlarmCondition(key, "gap", gap.turbine, text)
         yield AlarmCondition(key, "gap", gap.turbine, "", over=True)  # samples have resumed
@@ -173,17 +174,17 @@ class AlarmRules:
                 silent = stream.condition == "late" and stream.silence > SILENT_AFTER
                 link = _link(self._run.turbine(turbine).statuses.get(f"feed-{unit[0]}"))
                 why = f"; its feed says: {link}" if link else ""
-                text = f"unit {unit[0]} has been silent for {_spoken(stream.silence)}{why}"
+                text = f"unit {unit[0]} has been silent for {_duration_text(stream.silence)}{why}"
                 yield _state(f"{turbine}/silence/{unit[0]}", "silence", turbine, text, silent)
         for node in self._run.health.nodes(now_ns):
             status = node.status
             lost = node.condition == "late" and node.silence > LOST_AFTER
-            text = f"node {status.node} has not been heard of for {_spoken(node.silence)}"
+            text = f"node {status.node} has not been heard of for {_duration_text(node.silence)}"
             yield _state(f"{status.turbine}/node/{status.node}", "node", status.turbine, text, lost)
 
 
 def _link(feed: NodeStatus | None) -> str:
-    """Why a feed is silent, in its own words; "" where it gives no reason."""
+    """Return why a feed is silent, in its own words; "" where it gives no reason."""
     warnings = () if feed is None else feed.warnings
     return "; ".join(each.text for each in warnings if each.code in LINK)
 
@@ -215,8 +216,8 @@ def moment_text(time_ns: int) -> str:
     return f"{datetime.fromtimestamp(time_ns // NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
-def _spoken(seconds: float) -> str:
-    """A duration in words."""
+def _duration_text(seconds: float) -> str:
+    """Return a duration in words."""
     for unit, length in (("days", 86_400), ("hours", 3600), ("minutes", 60)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"

@@ -317,7 +317,7 @@ def _system_reason(error: BaseException) -> str:
 
 
 def channels_of(settings: AlarmSettings) -> tuple[AlarmChannel, ...]:
-    """Every channel of the settings.
+    """Return every channel of the settings.
 
     Raises
     ------

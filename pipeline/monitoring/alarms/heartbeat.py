@@ -26,7 +26,7 @@ LIVES = 60.0  # since the last handled message; nodes report every second [s]
 class Pulse:
     """The alarm node's sign of life."""
 
-    heard_ns: int
+    received_ns: int
     """When the last message was handled [ns since 1970-01-01 UTC]."""
     open: int
     """Alarms that are open [-]."""
@@ -72,7 +72,7 @@ class AlarmHeartbeat(threading.Thread):
     def ping(self) -> None:
         """One ping, if the session lives."""
         pulse, now_ns = self._pulse(), self._clock()
-        if now_ns - pulse.heard_ns > LIVES * NANOSECONDS:
+        if now_ns - pulse.received_ns > LIVES * NANOSECONDS:
             self.problem = f"no ping: no message was handled for more than {LIVES:g} s"
             return
         content: dict[str, Any] = {**self._place, "time_ns": now_ns, "open": pulse.open}

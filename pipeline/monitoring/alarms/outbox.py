@@ -43,12 +43,12 @@ class WaitingMessage:
     """Recipients that have not got it; empty: all."""
 
     def encoded(self) -> bytes:
-        """As JSON."""
+        """Return the message as JSON."""
         return json.dumps(asdict(self), ensure_ascii=False).encode()
 
 
 def decoded_waiting(content: bytes) -> WaitingMessage:
-    """The message of a file, of earlier versions too (the message alone).
+    """Return the message of a file, of earlier versions too (the message alone).
 
     Raises
     ------
@@ -108,7 +108,7 @@ class Outbox:
             self.dropped += 1
 
     def age(self) -> float:
-        """How long the oldest message has waited [s]; 0 if none waits."""
+        """Return how long the oldest message has waited [s]; 0 if none waits."""
         for path in self.waiting():
             try:
                 queued_ns = decoded_waiting(path.read_bytes()).queued_ns
@@ -128,7 +128,7 @@ class DeliveryState:
     """What became of one channel's messages since the session's start."""
 
     channel: str
-    """Its name."""
+    """Name of the channel."""
     delivered: int
     """Messages that the receiver confirmed [-]."""
     failed: int
@@ -180,11 +180,11 @@ class DeliveryThread(threading.Thread):
 
     @property
     def channel(self) -> str:
-        """Its name."""
+        """Name of the channel."""
         return self._channel.name
 
     def state(self) -> DeliveryState:
-        """Of this moment; any thread may ask."""
+        """Return the state of this moment; any thread may ask."""
         return DeliveryState(
             self._channel.name,
             self._delivered,

@@ -240,7 +240,7 @@ def load_notices(path: Path) -> AlarmSettings:
 
 
 def notices_settings(table: Mapping[str, Any], origin: str) -> AlarmSettings:
-    """The settings of a table; `origin` names it in errors. Raises AlarmError."""
+    """Return the settings of a table; `origin` names it in errors. Raises AlarmError."""
     unknown = [key for key in table if key not in ("notices", *_CHANNELS)]
     if unknown:
         known = ", ".join(("[notices]", *(f"[[{name}]]" for name in _CHANNELS)))
@@ -265,7 +265,7 @@ def notices_settings(table: Mapping[str, Any], origin: str) -> AlarmSettings:
 
 
 def secret(variable: str) -> str:
-    """The value of a variable of the environment; "" if none is named."""
+    """Return the value of a variable of the environment; "" if none is named."""
     return os.environ.get(variable, "") if variable else ""
 
 

@@ -1,4 +1,4 @@
-"""What is remembered of each acquisition unit of a turbine, what that says of a window, and the
+"""What is remembered of each acquisition unit of a turbine, what that means for a window, and the
 blocks that came while not all units' layouts were known."""
 
 from collections import deque
@@ -6,21 +6,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pipeline.messages import (
-    Message,
-    ModalEstimate,
-    QualityWarning,
-    StreamEnd,
-    UnitOrigin,
-    WindowRejected,
-)
+from pipeline.messages import Message, ModalEstimate, QualityWarning, StreamEnd, UnitOrigin
 from pipeline.nodes.by_turbine import LimitedMembers
-from pipeline.nodes.limits import CpuLimit, Refusal
 from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.units.block_admission import BlockAdmission
-from pipeline.nodes.window_identification import RotorSpeed, WindowIdentification, unknown_speed
+from pipeline.nodes.window_identification import WindowContext, WindowIdentification
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
-from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
@@ -92,7 +83,7 @@ class AcquisitionUnit:
             del self.ends[oldest]
 
     def mark_before(self, needed: int) -> BlockMark | None:
-        """The block that holds a sample, or the last one before it."""
+        """Return the block that holds a sample, or the last one before it."""
         before = [mark for mark in self.marks if mark.first_sample <= needed]
         if not before:
             return self.marks[0] if self.marks else None
@@ -118,8 +109,8 @@ class AcquisitionUnits:
         self._of_the_past = NodeStatistics()  # of units that are gone
 
     def named(self, name: str) -> AcquisitionUnit:
-        """The unit that a message came from; made with its first one."""
-        leaving = self._names.heard(name)
+        """Return the unit that a message came from; made with its first one."""
+        leaving = self._names.note(name)
         if leaving is not None and leaving in self.by_name:
             self._let_go(leaving)
         if name not in self.by_name:
@@ -148,10 +139,10 @@ class AcquisitionUnits:
         latest = {name: unit.layout for name, unit in self.by_name.items()}
         return {name: layout for name, layout in latest.items() if layout is not None}
 
-    # ---- what they say of a window --------------------------------------------------------------
+    # ---- what they mean for a window ------------------------------------------------------------
 
     def still_channel(self, estimate: ModalEstimate) -> str | None:
-        """Which channel of the estimate kept one value for a while, in words."""
+        """Return in words which channel of the estimate kept one value for a while."""
         for name, unit, first, end in self._spans(estimate):
             still = unit.monitor.still_channel(first, end)
             if still is None:
@@ -165,7 +156,7 @@ class AcquisitionUnits:
         return None
 
     def conflict(self, estimate: ModalEstimate) -> str | None:
-        """That blocks of the window came with two contents, in words."""
+        """Return in words that blocks of the window came with two contents; None where none did."""
         for name, unit, first, end in self._spans(estimate):
             count = sum(first <= sample < end for sample in unit.admission.conflicts)
             if count:
@@ -205,11 +196,11 @@ class AcquisitionUnits:
         return counts
 
     @property
-    def complaint(self) -> str:
-        """Of one of the blocks that were refused: whose it was and what was wrong; "" of none."""
+    def last_refusal(self) -> str:
+        """Unit of one of the refused blocks and what was wrong with it; "" without one."""
         for name, unit in reversed(self.by_name.items()):
-            if unit.admission.unfit:
-                return f"unit {name}: {unit.admission.complaint}"
+            if unit.admission.refused:
+                return f"unit {name}: {unit.admission.last_refusal}"
         return ""
 
     @property
@@ -224,13 +215,13 @@ class AcquisitionUnits:
 
 
 @dataclass(frozen=True, slots=True)
-class OpeningBlock:
-    """A block that a session may begin with."""
+class UnitBlock:
+    """A block with what its unit knows of it."""
 
     block: AccelerationBlock
     boot: Boot
     beginning: Beginning
-    """Where its unit is expected to begin if it is the first."""
+    """Where its unit is expected to begin if the block is the first of a session."""
     used: bool = False
     """Whether the session of one unit has it."""
 
@@ -240,18 +231,18 @@ class OpeningBlocks:
     one unit that is identified, and those of others, which wait."""
 
     def __init__(self) -> None:
-        self._blocks: deque[OpeningBlock] = deque()
+        self._blocks: deque[UnitBlock] = deque()
         self.whole = True
         """Whether every block is there that the session of one unit has in no answered window."""
         self.waiting = 0
         """Blocks of other units on end."""
 
-    def wait(self, block: OpeningBlock) -> OpeningBlock | None:
+    def wait(self, block: UnitBlock) -> UnitBlock | None:
         """Keep another unit's block; return one that has waited too long."""
         self.waiting += 1
         return self._kept(block)
 
-    def use(self, block: OpeningBlock) -> OpeningBlock | None:
+    def use(self, block: UnitBlock) -> UnitBlock | None:
         """Keep a block that the session takes; return one that has waited too long."""
         self.waiting = 0
         return self._kept(replace(block, used=True))
@@ -261,13 +252,13 @@ class OpeningBlocks:
         self._blocks = deque(each for each in self._blocks if not each.used)
         self.whole = True
 
-    def taken(self) -> list[OpeningBlock]:
+    def taken(self) -> list[UnitBlock]:
         """Give all blocks away, in the order of their arrival."""
         taken, self._blocks = list(self._blocks), deque()
         self.whole, self.waiting = True, 0
         return taken
 
-    def _kept(self, block: OpeningBlock) -> OpeningBlock | None:
+    def _kept(self, block: UnitBlock) -> UnitBlock | None:
         self._blocks.append(block)
         if len(self._blocks) <= MOST_OPENING:
             return None
@@ -277,35 +268,31 @@ class OpeningBlocks:
 
 
 class UnitSession:
-    """One boot of a turbine's only unit; its windows begin where the boot is expected to begin."""
+    """One boot of a turbine's only unit; its windows begin where the boot is expected to begin.
+
+    Parameters
+    ----------
+    first : UnitBlock
+        That it begins with.
+    layouts : dict
+        Of the unit, by their ids.
+    """
 
     has_lost_time = False
     """Whether the units' stamps have left the clock that they are joined on; one has none."""
 
     def __init__(
-        self,
-        first: AccelerationBlock,
-        boot: Boot,
-        beginning: Beginning,
-        settings: OmaSettings,
-        layouts: dict[str, SensorLayout],
-        limit: CpuLimit | None = None,
-        rotor_speed: RotorSpeed = unknown_speed,
-    ):
-        self._unit, self._boot = first.unit, boot
-        self._settings = settings
-        self._order = BlockOrder(settings.lateness, beginning)
-        self._origin = beginning.first_sample  # of the windows
-        self._windows = WindowIdentification(
-            first.turbine,
-            first.unit,
-            settings,
-            layouts,
-            origins=self._origins,
-            rotor_speed=rotor_speed,
-            limit=limit,
+        self, first: UnitBlock, layouts: dict[str, SensorLayout], context: WindowContext
+    ) -> None:
+        block, self._boot = first.block, first.boot
+        self._unit = block.unit
+        self._settings = context.settings
+        self._order = BlockOrder(context.settings.lateness, first.beginning)
+        self._origin = first.beginning.first_sample  # of the windows
+        self.windows = WindowIdentification(
+            block.turbine, block.unit, layouts, context, origins=self._origins
         )
-        self._rate = first.sampling_rate
+        self._rate = block.sampling_rate
         self._newest: AccelerationBlock | None = None
 
     @property
@@ -314,20 +301,21 @@ class UnitSession:
         end_ns = 0 if self._newest is None else self._newest.end_ns
         return {self._unit: (self._boot.session, end_ns)}
 
-    def goes_on_with(self, block: AccelerationBlock, boot: Boot) -> bool:
+    def goes_on_with(self, item: UnitBlock) -> bool:
         """Whether a block belongs to this boot."""
-        return (block.unit, boot) == (self._unit, self._boot)
+        return (item.block.unit, item.boot) == (self._unit, self._boot)
 
-    def refusal(self, _: AccelerationBlock) -> Refusal | None:
-        """Why what runs cannot go on with a block; with its only unit's it can."""
+    def refusal(self, _: AccelerationBlock) -> QualityWarning | None:
+        """Return why what runs cannot go on with a block; with its only unit's it can."""
         return None
 
-    def misfit(self, _: AccelerationBlock) -> Refusal | None:
-        """Why a block is of no use, however many like it come; the only unit's never is."""
+    def layout_mismatch(self, _: AccelerationBlock) -> QualityWarning | None:
+        """Return why a block is of no use, however many like it come; the only unit's never is."""
         return None
 
-    def push(self, block: AccelerationBlock, _: Boot, __: Beginning) -> Iterator[Message]:
+    def push(self, item: UnitBlock) -> Iterator[Message]:
         """Take a block of this boot."""
+        block = item.block
         if self._newest is None or block.first_sample >= self._newest.first_sample:
             self._newest = block
         yield from self._answers(self._order.push(block))
@@ -335,30 +323,26 @@ class UnitSession:
     def finish(self) -> Iterator[Message]:
         """Answer what is left."""
         yield from self._answers(self._order.flush())
-        yield from self._windows.finish()
+        yield from self.windows.finish()
 
     def release(self) -> list[AccelerationBlock]:
         """Blocks that what follows may use: none."""
         return []
 
-    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
-        """See `WindowIdentification.recall`."""
-        self._windows.recall(answer)
-
     def needed(self) -> dict[str, int]:
         """First sample of each unit that is not in an answered window."""
         hop = self._settings.hop * self._rate
-        return {self._unit: self._origin + round(self._windows.next_index * hop)}
+        return {self._unit: self._origin + round(self.windows.next_index * hop)}
 
     def state(self) -> dict[str, Any]:
-        """What a restart needs beside the samples, as JSON can say it."""
-        return {"window": self._windows.next_index, "origin": self._origin}
+        """Return what a restart needs beside the samples, as JSON can say it."""
+        return {"window": self.windows.next_index, "origin": self._origin}
 
     def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered."""
         self._order = BlockOrder(self._settings.lateness, needed[self._unit])
         self._origin = int(state.get("origin", 0))
-        self._windows.begin_at(int(state["window"]))
+        self.windows.begin_at(int(state["window"]))
 
     def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
         boot, first = self._boot, self._origin + window.first_sample
@@ -367,10 +351,10 @@ class UnitSession:
     def _answers(self, pieces: Iterable[AccelerationBlock | MissingSamples]) -> Iterator[Message]:
         for piece in pieces:
             if isinstance(piece, MissingSamples):
-                yield self._windows.gap(piece, self._unit, self._boot.session)
+                yield self.windows.gap(piece, self._unit, self._boot.session)
             if self._origin:
                 piece = replace(piece, first_sample=piece.first_sample - self._origin)
-            yield from self._windows.push(piece)
+            yield from self.windows.push(piece)
 
     @property
     def late(self) -> int:

@@ -8,8 +8,8 @@ A forged, stray or broken block has no other effect than its count under the rea
 that starts again, under a new session's name or the same, is followed after five blocks, or at once
 where the end of its session was announced. Its starts under one session's name are its boots.
 
-A boot that goes on although another one has begun since is another device under the same name: the
-first that was heard is used, the other's blocks are refused while it sends.
+A boot that goes on although another one has started since is another device under the same name:
+the first one's blocks are used, the other's are refused while the first one sends.
 """
 
 from collections import Counter
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.nodes.limits import Refusal
+from pipeline.messages import QualityWarning
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR
 from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock, BlockMark
@@ -63,7 +63,7 @@ class BlockAdmission:
 
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()  # blocks, by the reason's code
-        self.complaint = ""  # what was wrong with the last one that was held or refused
+        self.last_refusal = ""  # what was wrong with the last one that was held or refused
         self.boot = 0  # starts under the present session's name before this one
         self.conflicts: list[int] = []  # first samples that came with two contents in this boot
         self.sequence_jumps = 0  # block numbers that jumped where samples did not
@@ -84,17 +84,12 @@ class BlockAdmission:
         """Name of the present session; None before the first block."""
         return None if self._last is None else self._last.session
 
-    @property
-    def unfit(self) -> int:
-        """Blocks that were refused in all."""
-        return self.refused.total()
-
-    def admit(self, block: AccelerationBlock, refusal: Refusal | None = None) -> Admission:
+    def admit(self, block: AccelerationBlock, refusal: QualityWarning | None = None) -> Admission:
         """Take a block as it arrives.
 
         Parameters
         ----------
-        refusal : Refusal, optional
+        refusal : QualityWarning, optional
             Why what runs cannot go on with the block; None where it can.
         """
         if self._last is None:
@@ -107,7 +102,7 @@ class BlockAdmission:
             self._drop_held()
             taken = [self._taken(each).blocks for each in chain]
             return Admission(tuple(each for blocks in taken for each in blocks))
-        self.complaint = against.text
+        self.last_refusal = against.text
         held = self._held.pop(block.session, [])
         if held and refusal_of(BlockMark.of(held[-1]), block) is not None:
             self._refuse_all(held)
@@ -130,13 +125,13 @@ class BlockAdmission:
             return Admission()
         return self._begin(self._let_in(session))
 
-    def refuse(self, refusal: Refusal) -> None:
+    def refuse(self, refusal: QualityWarning) -> None:
         """Count a block that cannot be used, however many like it come."""
         self.refused[refusal.code] += 1
-        self.complaint = refusal.text
+        self.last_refusal = refusal.text
 
     def state(self) -> dict[str, Any]:
-        """What a restart needs, as JSON can say it."""
+        """Return what a restart needs, as JSON can say it."""
         return {
             "boot": self.boot,
             "boots": self._boots,
@@ -171,18 +166,18 @@ class BlockAdmission:
         self._refuse_all(held)
         return (block,)
 
-    def _against(self, block: AccelerationBlock) -> Refusal | None:
+    def _against(self, block: AccelerationBlock) -> QualityWarning | None:
         assert self._last is not None
         against = refusal_of(self._last, block)
         if against is None and self._over and not _tight(self._last, block):
             over = self._boot_over(block)
             if over is not None and self._over[over].next_sample == block.first_sample:
-                return Refusal(UNFIT, "its number and stamp follow those of another boot")
+                return QualityWarning(UNFIT, "its number and stamp follow those of another boot")
         held = self._held.get(block.session)
         if against is not None or not held:
             return against
         if _tight(BlockMark.of(held[-1]), block) and not _tight(self._last, block):
-            return Refusal(UNFIT, "its stamps go on from those of blocks that do not follow")
+            return QualityWarning(UNFIT, "its stamps go on from those of blocks that do not follow")
         return None
 
     def _taken(self, block: AccelerationBlock) -> Admission:
@@ -197,22 +192,22 @@ class BlockAdmission:
             self._last = BlockMark.of(block)
         return Admission((block,))
 
-    def _content_refusal(self, block: AccelerationBlock) -> Refusal | None:
-        """Of a block whose number came with other samples, or whose samples with another number."""
+    def _content_refusal(self, block: AccelerationBlock) -> QualityWarning | None:
+        """Refuse a block whose number came with other samples, or the other way round."""
         content = hash(block.samples.tobytes())
         known = self._contents.get(block.first_sample)
         if known is not None:
             if known == content:
                 return None  # the same once more
             self.conflicts = [*self.conflicts, block.first_sample][-REMEMBERED_CONTENTS:]
-            return Refusal(
+            return QualityWarning(
                 CONFLICT,
                 f"sample {block.first_sample} came twice with different values: two devices send "
                 "under one name",
             )
         alive = len(block.samples) >= FEWEST_RECOGNISABLE and np.ptp(block.samples, axis=0).all()
         if content in self._samples and alive:
-            return Refusal(
+            return QualityWarning(
                 REPEATED,
                 f"its values are those of sample {self._samples[content]} bit for bit, under "
                 f"number {block.first_sample}",
@@ -236,7 +231,7 @@ class BlockAdmission:
         return RETURNING if of_the_past and held[0].sequence > 0 else STUBBORN
 
     def _boot_over(self, block: AccelerationBlock) -> BootKey | None:
-        """Which boot before this one a block follows, by number and by stamp."""
+        """Return which boot before this one a block follows, by number and by stamp."""
         following = [
             (abs(since - clock), key)
             for key, mark in self._over.items()
@@ -247,7 +242,7 @@ class BlockAdmission:
         return min(following)[1] if following else None
 
     def _let_in(self, session: str) -> tuple[AccelerationBlock, ...]:
-        """The blocks of a session that are held; those of others are refused."""
+        """Return the blocks of a session that are held; those of others are refused."""
         found = sorted(self._held.pop(session, ()), key=lambda block: block.first_sample)
         self._drop_held()
         return (*self._taken_back(session, found), *found)
@@ -336,7 +331,7 @@ class BlockAdmission:
         code = self._code_of(block)
         self.refused[code] += 1
         if code == SECOND:
-            self.complaint = f"two devices send under one name, both as {block.session!r}"
+            self.last_refusal = f"two devices send under one name, both as {block.session!r}"
 
     def _code_of(self, block: AccelerationBlock) -> str:
         """Code of why a block that was held is refused."""
@@ -361,15 +356,15 @@ class BlockAdmission:
         self._on_end.clear()
 
 
-def refusal_of(last: BlockMark, block: AccelerationBlock) -> Refusal | None:
-    """Why one boot of one unit cannot have sent both; None where it may.
+def refusal_of(last: BlockMark, block: AccelerationBlock) -> QualityWarning | None:
+    """Return why one boot of one unit cannot have sent both; None where it may.
 
     A block that follows without a gap may have any stamp: clocks are set.
     """
     if block.session != last.session:
-        return Refusal(OTHER_SESSION, f"session {block.session!r} within {last.session!r}")
+        return QualityWarning(OTHER_SESSION, f"session {block.session!r} within {last.session!r}")
     if (block.sampling_rate, block.samples.shape[1]) != (last.sampling_rate, last.n_channels):
-        return Refusal(
+        return QualityWarning(
             UNFIT,
             f"{block.samples.shape[1]} channels at {block.sampling_rate:g} Hz in a session of "
             f"{last.n_channels} at {last.sampling_rate:g} Hz",
@@ -377,7 +372,7 @@ def refusal_of(last: BlockMark, block: AccelerationBlock) -> Refusal | None:
     if block.first_sample == last.next_sample or _tight(last, block):
         return None
     since, clock = _apart(last, block)
-    return Refusal(
+    return QualityWarning(
         UNFIT, f"{since:g} s after the last one by its samples, {clock:g} s by its clock"
     )
 

@@ -7,12 +7,10 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from pipeline.messages import Message, ModalEstimate, UnitOrigin, WindowRejected
-from pipeline.nodes.limits import CpuLimit, Refusal
-from pipeline.nodes.units.acquisition_units import Boot
+from pipeline.messages import Message, QualityWarning, UnitOrigin
+from pipeline.nodes.units.acquisition_units import Boot, UnitBlock, UnitSession
 from pipeline.nodes.units.block_admission import LAYOUT, STUBBORN, UNITS
-from pipeline.nodes.window_identification import RotorSpeed, WindowIdentification, unknown_speed
-from pipeline.oma.settings import OmaSettings
+from pipeline.nodes.window_identification import WindowContext, WindowIdentification
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.unit_clock import ClockStep, clock_step, stamp_of
 from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
@@ -31,15 +29,9 @@ class JoinedSession:
     received agrees with the joined clock, it `has_lost_time`: another session begins.
     """
 
-    def __init__(
-        self,
-        layouts: Sequence[SensorLayout],
-        settings: OmaSettings,
-        limit: CpuLimit | None = None,
-        rotor_speed: RotorSpeed = unknown_speed,
-    ):
-        self._settings = settings
-        self._joiner = UnitJoiner(layouts, settings.lateness)
+    def __init__(self, layouts: Sequence[SensorLayout], context: WindowContext) -> None:
+        self._settings = context.settings
+        self._joiner = UnitJoiner(layouts, context.settings.lateness)
         self._orders: dict[str, BlockOrder] = {}
         self._boots: dict[str, Boot] = {}
         self._late = self._duplicate = 0  # blocks of boots of units that are over
@@ -47,19 +39,17 @@ class JoinedSession:
         self._out: set[str] = set()  # units whose stamps do not agree with the others'
         self._agreed_from: dict[str, int] = {}  # first sample since a unit was left out
         self._disagreed: dict[str, int] = {}  # blocks of a unit on end
-        self._heard: dict[str, int] = {}  # number of the unit's last block among all
+        self._last_push: dict[str, int] = {}  # number of the unit's last block among all
         self._n_pushed = 0
         self._unused: deque[AccelerationBlock] = deque(maxlen=STUBBORN * len(layouts))
         joined = self._joiner.layout
-        self._windows = WindowIdentification(
+        self.windows = WindowIdentification(
             joined.turbine,
             joined.unit,
-            settings,
             {joined.layout_id: joined},
+            context,
             columns={unit: self._joiner.columns(unit) for unit in self._joiner.units},
             origins=self._origins,
-            rotor_speed=rotor_speed,
-            limit=limit,
         )
 
     @property
@@ -67,30 +57,31 @@ class JoinedSession:
         """Session and end of the newest block by its number [ns] of every unit."""
         return {unit: (each.session, each.end_ns) for unit, each in self._newest.items()}
 
-    def goes_on_with(self, block: AccelerationBlock, _: Boot) -> bool:
+    def goes_on_with(self, item: UnitBlock) -> bool:
         """Whether a block belongs to this session."""
-        return block.unit in self._joiner.units
+        return item.block.unit in self._joiner.units
 
-    def refusal(self, block: AccelerationBlock) -> Refusal | None:
-        """Why a unit's block cannot be joined with the others'; None where it can."""
+    def refusal(self, block: AccelerationBlock) -> QualityWarning | None:
+        """Return why a unit's block cannot be joined with the others'; None where it can."""
         if block.unit not in self._joiner.units:
             return None
         text = self._joiner.refusal(block)
-        return Refusal(UNITS, text) if text else None
+        return QualityWarning(UNITS, text) if text else None
 
-    def misfit(self, block: AccelerationBlock) -> Refusal | None:
-        """Why a block is of no use, however many like it come; None where it is of some."""
+    def layout_mismatch(self, block: AccelerationBlock) -> QualityWarning | None:
+        """Return why a block is of no use, however many like it come; None where it is of some."""
         named, own = len(self._joiner.columns(block.unit)), block.samples.shape[1]
         if own == named:
             return None
-        return Refusal(LAYOUT, f"{own} channels where its unit's layout names {named}")
+        return QualityWarning(LAYOUT, f"{own} channels where its unit's layout names {named}")
 
-    def push(self, block: AccelerationBlock, boot: Boot, beginning: Beginning) -> Iterator[Message]:
-        """Take a block of which `misfit` says nothing; its unit is expected to begin there."""
+    def push(self, item: UnitBlock) -> Iterator[Message]:
+        """Take a block that has as many channels as its unit's layout."""
+        block = item.block
         self._n_pushed += 1
-        self._heard[block.unit] = self._n_pushed
-        if self._boots.get(block.unit) != boot:
-            yield from self._restarted(block, boot, beginning)
+        self._last_push[block.unit] = self._n_pushed
+        if self._boots.get(block.unit) != item.boot:
+            yield from self._restarted(item)
         used = self._agrees(block)
         before = self._newest.get(block.unit)
         if before is None or block.first_sample >= before.first_sample:
@@ -106,8 +97,8 @@ class JoinedSession:
     def has_lost_time(self) -> bool:
         """Whether no unit that is received agrees with the joined clock."""
         recent = self._n_pushed - SILENT * len(self._joiner.units)
-        heard = [unit for unit, number in self._heard.items() if number > recent]
-        return all(self._disagreed.get(unit, 0) >= STUBBORN for unit in heard)
+        sending = [unit for unit, number in self._last_push.items() if number > recent]
+        return all(self._disagreed.get(unit, 0) >= STUBBORN for unit in sending)
 
     def release(self) -> list[AccelerationBlock]:
         """Blocks that could not be used and that another session may begin with.
@@ -133,17 +124,13 @@ class JoinedSession:
                 yield from self._taken(blocks[-1], pieces)
             self._orders[unit] = BlockOrder(self._settings.lateness)
         for piece in self._joiner.finish():
-            yield from self._windows.push(piece)
-        yield from self._windows.finish()
-
-    def recall(self, answer: ModalEstimate | WindowRejected) -> None:
-        """See `WindowIdentification.recall`."""
-        self._windows.recall(answer)
+            yield from self.windows.push(piece)
+        yield from self.windows.finish()
 
     def needed(self) -> dict[str, int]:
         """First sample of each unit that is not in an answered window or fits its clock's line; of
         one that is left out, or of which nothing is joined yet, that of its newest block."""
-        since = self._windows.next_index * self._settings.hop
+        since = self.windows.next_index * self._settings.hop
         absent = self._absent(since)
         found = {
             unit: None if unit in absent else self._joiner.needed(unit, since)
@@ -159,12 +146,12 @@ class JoinedSession:
         return {unit for unit in self._out if not self._joiner.has(unit, since)}
 
     def state(self) -> dict[str, Any]:
-        """What a restart needs beside the samples, as JSON can say it."""
+        """Return what a restart needs beside the samples, as JSON can say it."""
         grid = self._joiner.grid
         return {
-            "window": self._windows.next_index,
+            "window": self.windows.next_index,
             "grid": None if grid is None else list(grid),
-            "out": sorted(self._absent(self._windows.next_index * self._settings.hop)),
+            "out": sorted(self._absent(self.windows.next_index * self._settings.hop)),
         }
 
     def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
@@ -177,7 +164,7 @@ class JoinedSession:
         origin_ns, rate, session = state["grid"]
         index = int(state["window"])
         self._joiner.resume(origin_ns, rate, session, round(index * self._settings.hop * rate))
-        self._windows.begin_at(index)
+        self.windows.begin_at(index)
 
     def resume_boots(self, boots: Mapping[str, Boot]) -> None:
         """Which boots of the units run."""
@@ -201,7 +188,7 @@ class JoinedSession:
             step = clock_step(stamp_of(before), stamp_of(block), block.sampling_rate)
             if step:
                 self._out.add(block.unit)
-                self._windows.note_step(block.unit, ClockStep(block.first_sample, step))
+                self.windows.note_step(block.unit, ClockStep(block.first_sample, step))
         if block.unit not in self._out:
             return True
         if not others or abs(lead) > self._settings.lateness + 2 * block.duration:
@@ -211,15 +198,14 @@ class JoinedSession:
         self._joiner.restart(block.unit)
         return True
 
-    def _restarted(
-        self, block: AccelerationBlock, boot: Boot, beginning: Beginning
-    ) -> Iterator[Message]:
-        """What still waits of the unit's boot before this block's."""
+    def _restarted(self, item: UnitBlock) -> Iterator[Message]:
+        """Yield what still waits of the unit's boot before this block's."""
+        block = item.block
         order = self._orders.get(block.unit)
         known = self._boots.get(block.unit)
-        self._boots[block.unit] = boot
+        self._boots[block.unit] = item.boot
         self._newest.pop(block.unit, None)
-        self._orders[block.unit] = BlockOrder(self._settings.lateness, beginning)
+        self._orders[block.unit] = BlockOrder(self._settings.lateness, item.beginning)
         if order is None or known is None:
             self._out.discard(block.unit)
             return
@@ -239,16 +225,16 @@ class JoinedSession:
         """Report what is missing; join what is there, but for what was sent while it was out."""
         for piece in pieces:
             if isinstance(piece, MissingSamples):
-                yield self._windows.gap(piece, block.unit, block.session)
+                yield self.windows.gap(piece, block.unit, block.session)
         if block.unit in self._out:
             return
         since = self._agreed_from.get(block.unit, 0)
         agreed = [piece for piece in pieces if piece.first_sample >= since]
         for joined in self._joiner.push(block, agreed):
-            yield from self._windows.push(joined)
+            yield from self.windows.push(joined)
 
     def _origins(self, window: Window) -> tuple[UnitOrigin, ...]:
-        """Of the units that are there when the window begins."""
+        """Return the origins of the units that are there when the window begins."""
         beginnings = self._joiner.origins(window.first_sample)
         return tuple(
             UnitOrigin(unit, self._boots[unit].session, self._boots[unit].number, sample)
@@ -265,3 +251,6 @@ class JoinedSession:
     def duplicate(self) -> int:
         """Blocks that came twice."""
         return self._duplicate + sum(order.duplicate for order in self._orders.values())
+
+
+IdentifiedSession = UnitSession | JoinedSession

@@ -7,16 +7,14 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from pipeline.messages import Message
-from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot, UnitSession
-from pipeline.nodes.units.joined_session import JoinedSession
+from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot
+from pipeline.nodes.units.joined_session import IdentifiedSession, JoinedSession
 from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
 OVERTAKING = 10  # messages by which a block may have come before one that lies before it
-
-IdentifiedSession = UnitSession | JoinedSession
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +36,7 @@ class IdentificationState:
     def of(
         cls, units: AcquisitionUnits, session: IdentifiedSession | None
     ) -> "IdentificationState":
-        """What a running identification must not forget."""
+        """Return what a running identification must not forget."""
         needed = {} if session is None else session.needed()
         known = units.by_name  # a unit of the session may have been let go
         marks = {n: known[n].mark_before(first) for n, first in needed.items() if n in known}
@@ -51,7 +49,7 @@ class IdentificationState:
         )
 
     def encoded(self) -> bytes:
-        """As a snapshot holds it."""
+        """Return the bytes that a snapshot holds."""
         state = {
             "units": self.admissions,
             "boots": {name: [boot.session, boot.number] for name, boot in self.boots.items()},
@@ -63,7 +61,7 @@ class IdentificationState:
 
     @classmethod
     def decoded(cls, encoded: bytes) -> "IdentificationState":
-        """What `encoded` gave."""
+        """Return what `encoded` gave."""
         state = json.loads(encoded)
         return cls(
             state["units"],
@@ -84,7 +82,7 @@ class IdentificationState:
 
 
 def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Iterator[Message]:
-    """What was recorded since the blocks with these marks, they included, in its order.
+    """Yield what was recorded since the blocks with these marks, they included, in its order.
 
     Parameters
     ----------

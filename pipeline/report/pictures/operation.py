@@ -189,7 +189,7 @@ def _control_panel(axes: Any, chart: _Chart) -> None:
 
 
 def beyond_limits(record: TurbineRecord) -> str:
-    """One sentence on how many points of the control charts lie outside their limits."""
+    """Return one sentence on how many points of the control charts lie outside their limits."""
     charts = [*_stiffness_charts(record), *_frequency_charts(record)]
     total = sum(len(chart.values) for chart in charts)
     outside = sum(int(np.sum(np.abs(chart.values) > chart.limit)) for chart in charts)

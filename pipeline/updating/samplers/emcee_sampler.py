@@ -111,7 +111,7 @@ class Chains:
         return self.points[-1]
 
 
-def walked(
+def ensemble_chains(
     log_density: LogDensity,
     start: FloatArray,
     settings: SamplerSettings,

@@ -294,7 +294,7 @@ class ImportanceSampler:
     chains: PosteriorSampler  # takes over
 
     def __call__(self, target: Target, generator: np.random.Generator) -> PosteriorDraws:
-        """Draws of the posterior; `doubts` reports when the chains took over and why."""
+        """Draws of the posterior; `warnings` reports when the chains took over and why."""
         settings = self.settings
         density = CountedDensity(target.log_density)
         start = first_proposal(target, generator)
@@ -331,18 +331,18 @@ class ImportanceSampler:
         efficiency: float,
         generator: np.random.Generator,
     ) -> PosteriorDraws:
-        doubt = QualityWarning(
+        warning = QualityWarning(
             "importance-efficiency",
             f"importance sampling kept {efficiency:.1%} of its draws (at least "
             f"{self.settings.least_efficiency:.0%} wanted); Markov chains took over",
         )
-        logger.info(doubt.text)
-        walked = self.chains(target, generator)
+        logger.info(warning.text)
+        chains = self.chains(target, generator)
         return replace(
-            walked,
-            evaluations=walked.evaluations + density.evaluations,
+            chains,
+            evaluations=chains.evaluations + density.evaluations,
             efficiency=efficiency,
-            doubts=(doubt, *walked.doubts),
+            warnings=(warning, *chains.warnings),
         )
 
 

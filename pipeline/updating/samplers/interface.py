@@ -58,14 +58,14 @@ class PosteriorDraws:
     efficiency: float = float("nan")  # Kish ESS / draws of an importance sampler [-]
     log_evidence: float = float("nan")  # log p(d), the likelihood's dropped constant left out
     log_evidence_std: float = float("nan")
-    doubts: tuple[QualityWarning, ...] = ()
+    warnings: tuple[QualityWarning, ...] = ()
 
 
 class PosteriorSampler(Protocol):
     """Draws from a posterior; the same generator gives the same draws."""
 
     def __call__(self, target: Target, generator: np.random.Generator) -> PosteriorDraws:
-        """Raises nothing of its own: a poor result is reported in `doubts`."""
+        """Raises nothing of its own: a poor result is reported in `warnings`."""
         ...
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.messages import QualityWarning
 from pipeline.updating.prior import UpdatingError
-from pipeline.updating.samplers.emcee_sampler import Chains, SamplerSettings, walked
+from pipeline.updating.samplers.emcee_sampler import Chains, SamplerSettings, ensemble_chains
 from pipeline.updating.samplers.importance import ImportanceSampler, ImportanceSettings
 from pipeline.updating.samplers.interface import (
     CountedDensity,
@@ -63,17 +63,17 @@ def sampler_of(
 
 @dataclass(frozen=True, slots=True)
 class EnsembleSampler:
-    """Markov chains of an ensemble through emcee (`sampler.walked`)."""
+    """Markov chains of an ensemble through emcee (`emcee_sampler.ensemble_chains`)."""
 
     settings: SamplerSettings
     largest_rhat: float = 1.05
     """Chains that disagree more have not converged."""
 
     def __call__(self, target: Target, generator: np.random.Generator) -> PosteriorDraws:
-        """Draws of the chains after burn-in; `doubts` where they are short or disagree."""
+        """Draws of the chains after burn-in; `warnings` where they are short or disagree."""
         density = CountedDensity(target.log_density)
         start = ensemble_start(target, density, self.settings.walkers, generator)
-        chains = walked(density, start, self.settings, generator)
+        chains = ensemble_chains(density, start, self.settings, generator)
         return PosteriorDraws(
             flat=chains.flat,
             ensemble=chains.ensemble,
@@ -82,7 +82,7 @@ class EnsembleSampler:
             ess=chains.ess,
             rhat=chains.rhat,
             autocorrelation_time=chains.autocorrelation_time,
-            doubts=_doubts(chains, self.largest_rhat),
+            warnings=_warnings(chains, self.largest_rhat),
         )
 
 
@@ -123,10 +123,10 @@ def _among(peak: Peak, ensemble: FloatArray) -> bool:
     return bool(offset @ np.linalg.pinv(np.cov(ensemble.T)) @ offset < WARM_DISTANCE**2)
 
 
-def _doubts(chains: Chains, largest_rhat: float) -> tuple[QualityWarning, ...]:
-    doubts = []
+def _warnings(chains: Chains, largest_rhat: float) -> tuple[QualityWarning, ...]:
+    warnings = []
     if not chains.long_enough:
-        doubts.append(
+        warnings.append(
             QualityWarning(
                 "chain-short",
                 f"the chain of {len(chains.points)} steps is "
@@ -135,11 +135,11 @@ def _doubts(chains: Chains, largest_rhat: float) -> tuple[QualityWarning, ...]:
             )
         )
     if not chains.rhat <= largest_rhat:
-        doubts.append(
+        warnings.append(
             QualityWarning(
                 "not-converged",
                 f"the chains disagree (split R-hat {chains.rhat:.3f}, at most {largest_rhat:g} "
                 "expected)",
             )
         )
-    return tuple(doubts)
+    return tuple(warnings)

@@ -207,7 +207,7 @@ class PublishedTmcmc:
             ess=_distinct(population.points),
             log_evidence=population.log_evidence,
             log_evidence_std=float(np.sqrt(population.variance)),
-            doubts=(_PUBLISHED_BIAS, *_unfinished(population)),
+            warnings=(_PUBLISHED_BIAS, *_unfinished(population)),
         )
 
     def _moved(
@@ -314,9 +314,9 @@ class CorrectedTmcmc:
         adaptation.pilots(settings.pilot, settings.most_pilots)
         drawn = weighted_draws(density, adaptation.proposal, settings.samples, generator)
         draws = posterior_draws(drawn, target, density, settings.samples, "tmcmc", generator)
-        return replace(draws, doubts=(*self._doubts(draws), *_unfinished(population)))
+        return replace(draws, warnings=(*self._warnings(draws), *_unfinished(population)))
 
-    def _doubts(self, draws: PosteriorDraws) -> tuple[QualityWarning, ...]:
+    def _warnings(self, draws: PosteriorDraws) -> tuple[QualityWarning, ...]:
         if draws.efficiency >= self.settings.least_efficiency:
             return ()
         return (

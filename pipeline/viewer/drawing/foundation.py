@@ -4,6 +4,7 @@ import numpy as np
 import rerun as rr
 
 from pipeline.messages import FoundationEvent, FoundationPosterior, FoundationTruth, NodeStatus
+from pipeline.state.posterior_json import STIFFNESSES
 from pipeline.viewer.drawing.entities import (
     entity_part,
     log_band_style,
@@ -17,7 +18,6 @@ from pipeline.viewer.drawing.entities import (
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.corner import CornerPlot, corner_plot
 from pipeline.viewer.pictures.pile import PilePicture
-from pipeline.viewer.pictures.status_text import STIFFNESSES
 
 
 def log_foundation_styles(recording: rr.RecordingStream, root: str) -> None:

@@ -130,7 +130,7 @@ def log_mode_styles(recording: rr.RecordingStream, root: str, label: str, slot: 
 def log_model_frequency(
     recording: rr.RecordingStream, root: str, label: str, frequency: float
 ) -> None:
-    """Where the updated model has one mode [Hz]."""
+    """Draw where the updated model has one mode [Hz]."""
     recording.log(f"{mode_path(root, label)}/model", rr.Scalars(frequency))
 
 

@@ -25,7 +25,7 @@ class RrdFile:
 
     @property
     def option(self) -> str:
-        """As given on the command line."""
+        """The output as given on the command line."""
         return f"--rrd {self.path}"
 
 
@@ -37,7 +37,7 @@ class SpawnedViewer:
 
     @property
     def option(self) -> str:
-        """As given on the command line."""
+        """The output as given on the command line."""
         return "--view spawn"
 
 
@@ -49,7 +49,7 @@ class ConnectedViewer:
 
     @property
     def option(self) -> str:
-        """As given on the command line."""
+        """The output as given on the command line."""
         return f"--view connect={self.url}"
 
 
@@ -70,7 +70,7 @@ class WebPage:
 
     @property
     def option(self) -> str:
-        """As given on the command line."""
+        """The output as given on the command line."""
         return "--view web"
 
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 from pipeline.messages import FoundationPosterior
 from pipeline.state.phrases import count_noun
-from pipeline.state.posterior_json import plus_minus
+from pipeline.state.posterior_json import STIFFNESSES, plus_minus
 from pipeline.viewer.pictures.corner import Text
 from pipeline.viewer.pictures.status_text import (
-    STIFFNESSES,
     SessionStatus,
     StatusIndicator,
     clock_time,

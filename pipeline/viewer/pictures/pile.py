@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.messages import FoundationPosterior, FoundationTruth
+from pipeline.state.posterior_json import STIFFNESSES
 from pipeline.viewer.pictures.corner import Text
-from pipeline.viewer.pictures.status_text import STIFFNESSES
 from sensors.arrays import FloatArray
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import SpringSign, spring_matrix
@@ -109,7 +109,7 @@ def _at_top(response: FloatArray, height: float) -> float:
 
 
 def _axis(response: FloatArray, height: float, scale: float) -> FloatArray:
-    """From the mudline to the top."""
+    """Return the axis from the mudline to the top."""
     return np.array([[scale * response[0], 0.0], [scale * _at_top(response, height), -TALL]])
 
 

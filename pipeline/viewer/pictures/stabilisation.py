@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import StabilisationDiagram
 from pipeline.viewer.pictures.corner import Text
-from pipeline.viewer.pictures.frequency_axis import (
+from pipeline.viewer.pictures.spectrum import (
     LOWEST,
     PANEL_WIDTH,
     FrequencyAxis,

@@ -16,11 +16,10 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.state.phrases import codes_in_words, count_noun
-from pipeline.state.posterior_json import plus_minus, ratios
+from pipeline.state.posterior_json import STIFFNESSES, plus_minus, ratios
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS
 
-STIFFNESSES = ("k11", "k22", "k12")
 CHANGE_TEXTS = {  # text of the indicator by kind of change
     "foundation": "foundation: changed",
     "modal-drift": "foundation: known, but the modes changed",

@@ -76,7 +76,7 @@ class Assembler:
         if usable is None:
             return
         self._early.append(usable)
-        self._rate = self._rate or self._told_rate(usable)
+        self._rate = self._rate or self._stated_rate(usable)
         if self._rate is None:
             return
         early, self._early = self._early, []
@@ -94,22 +94,22 @@ class Assembler:
             yield from self._placing.finish()
 
     def _usable(self, piece: ChannelSamples) -> ChannelSamples | None:
-        """What a piece has of the layout's channels; None where that is nothing."""
+        """Return what a piece has of the layout's channels; None where that is nothing."""
         for name in piece.names:
             if not self._columns.has(name):
                 self._counts.miss(name)
         listed = self._columns.listed(piece)
         if not listed.names:
             return None
-        complaint = self._columns.complaint(listed)
+        refusal = self._columns.refusal(listed)
         if not listed.samples.size:
-            complaint = f"{piece.stream}: a message without samples"
-        if complaint:
-            self._counts.refuse(complaint)
+            refusal = f"{piece.stream}: a message without samples"
+        if refusal:
+            self._counts.refuse(refusal)
             return None
         return listed
 
-    def _told_rate(self, piece: ChannelSamples) -> float | None:
+    def _stated_rate(self, piece: ChannelSamples) -> float | None:
         rate = piece.sampling_rate
         if rate is None and len(piece.samples) == 1:
             rate = self._finder.rate(piece.stream, piece.start_ns)
@@ -121,22 +121,22 @@ class Assembler:
     def _rated(self, piece: ChannelSamples) -> Iterator[AccelerationBlock]:
         """A piece whose unit's rate is known, or is another one from now on."""
         assert self._rate is not None
-        told = piece.sampling_rate or self._rate
-        if self._watch.is_set_anew(told, self._rate) and self._may_change_the_rate(piece):
+        stated = piece.sampling_rate or self._rate
+        if self._watch.has_changed(stated, self._rate) and self._may_change_the_rate(piece):
             yield from self.finish()
             self._missing, self._placing, self._taken = self.missing_blocks, None, 0
-            self._tell_new_rate(piece.stream, told)
-            self._rate = told
+            self._log_new_rate(piece.stream, stated)
+            self._rate = stated
         if self._fits(piece, self._rate):
             yield from self._placed(piece, self._rate)
 
-    def _tell_new_rate(self, stream: str, told: float) -> None:
+    def _log_new_rate(self, stream: str, stated: float) -> None:
         self._rates_set += 1
         if self._rates_set.bit_count() == 1:  # the 1st, 2nd, 4th, 8th, …: nonsense fills no log
             logger.warning(
                 "%r is sampled at %g Hz from now on, not at %g Hz: a session begins",
                 stream,
-                told,
+                stated,
                 self._rate,
             )
 
@@ -148,10 +148,10 @@ class Assembler:
 
     def _fits(self, piece: ChannelSamples, rate: float) -> bool:
         """Whether a piece has the unit's rate and a length that can be waited for."""
-        told = piece.sampling_rate or rate
-        if not are_equal(told, rate):
+        stated = piece.sampling_rate or rate
+        if not are_equal(stated, rate):
             self._counts.refuse(
-                f"{piece.stream} is sampled at {told:g} Hz, the unit at {rate:g} Hz; what is "
+                f"{piece.stream} is sampled at {stated:g} Hz, the unit at {rate:g} Hz; what is "
                 "sampled otherwise is a unit of its own"
             )
             return False

@@ -23,7 +23,7 @@ class SessionNames:
         self._count = 0
 
     def next(self, start_ns: int) -> str:
-        """Of the session that begins at a moment [ns]."""
+        """Return the name of the session that begins at a moment [ns]."""
         self._count += 1
         name = f"{datetime.fromtimestamp(start_ns // NANOSECONDS, UTC):%Y%m%dT%H%M%SZ}"
         if name <= self._latest:  # the clock was set back

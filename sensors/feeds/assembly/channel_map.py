@@ -31,15 +31,15 @@ class LayoutColumns:
         return name in self._numbers
 
     def listed(self, piece: ChannelSamples) -> ChannelSamples:
-        """The piece with its listed channels alone."""
+        """Return the piece with its listed channels alone."""
         keep = [i for i, name in enumerate(piece.names) if name in self._numbers]
         if len(keep) == len(piece.names):
             return piece
         names = tuple(piece.names[i] for i in keep)
         return replace(piece, names=names, samples=piece.samples[:, keep])
 
-    def complaint(self, piece: ChannelSamples) -> str:
-        """Why the piece's unit is none for its channels; "" where it is."""
+    def refusal(self, piece: ChannelSamples) -> str:
+        """Return why the piece's unit is none for its channels; "" where it is."""
         for name in piece.names:
             if self._channels[name].unit is None and factor_to(piece.unit) is None:
                 return (
@@ -59,7 +59,7 @@ class LayoutColumns:
 
 
 def sensor_layout(layout: FeedLayout) -> SensorLayout:
-    """The layout that is published: every channel in its standard unit."""
+    """Return the layout that is published: every channel in its standard unit."""
     return SensorLayout(
         layout.layout_id,
         turbine=layout.turbine,
@@ -81,16 +81,16 @@ def _accelerometer(channel: MappedChannel) -> Accelerometer:
     )
 
 
-def factor_of(channel: MappedChannel, said: str) -> float:
-    """What a sample is multiplied by to be in the channel's standard unit.
+def factor_of(channel: MappedChannel, stated: str) -> float:
+    """Return what a sample is multiplied by to be in the channel's standard unit.
 
-    said   unit of the samples by the message's own words; the layout's unit takes precedence
+    stated   unit of the samples by the message's own words; the layout's unit takes precedence
     """
-    _, factor = in_standard_unit(channel.unit or said or UNSAID)
+    _, factor = in_standard_unit(channel.unit or stated or UNSAID)
     return factor / (channel.sensitivity or 1.0)
 
 
-def factor_to(said: str) -> float | None:
-    """What turns a unit into m/s²; None for one that is of no acceleration."""
-    unit, factor = in_standard_unit(said or UNSAID)
+def factor_to(stated: str) -> float | None:
+    """Return what turns a unit into m/s²; None for one that is of no acceleration."""
+    unit, factor = in_standard_unit(stated or UNSAID)
     return factor if unit == UNSAID else None

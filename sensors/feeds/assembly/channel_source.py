@@ -19,7 +19,7 @@ class _Owner:
     count: int = 0  # the rival's messages since the owner's last
     since_ns: int = 0  # when they began [ns]
 
-    def speaks(self) -> None:
+    def note_message(self) -> None:
         """Take note of a message of the owner."""
         self.given, self.count = self.given + 1, 0
 
@@ -49,16 +49,16 @@ class ChannelSources:
     def __init__(self) -> None:
         self._owners: dict[str, _Owner] = {}  # by channel that the layout lists
 
-    def complaint(self, piece: ChannelSamples) -> str:
-        """Why a piece of listed channels is not to be taken; "" where it is."""
-        said = ""
+    def refusal(self, piece: ChannelSamples) -> str:
+        """Return why a piece of listed channels is not to be taken; "" where it is."""
+        reason = ""
         for name in piece.names:
             owner = self._owners.setdefault(name, _Owner(piece.stream))
             if owner.stream == piece.stream:
-                owner.speaks()
+                owner.note_message()
             elif owner.keeps(piece):
-                said = (
+                reason = (
                     f"{piece.stream} gives {name!r} while {owner.stream} does: a feed is one unit, "
                     "so its address must name one of them"
                 )
-        return said
+        return reason

@@ -52,21 +52,21 @@ class RateMonitor:
     the same other one. A single one that does is nonsense, or of another instrument."""
 
     def __init__(self) -> None:
-        self._told, self._count = 0.0, 0
+        self._stated, self._count = 0.0, 0
 
-    def is_set_anew(self, told: float, rate: float) -> bool:
+    def has_changed(self, stated: float, rate: float) -> bool:
         """Take note of what a message reports [Hz], where the rate so far is `rate`."""
-        if are_equal(told, rate):
+        if are_equal(stated, rate):
             self._count = 0
             return False
-        self._count = self._count + 1 if are_equal(told, self._told) else 1
-        self._told = told
+        self._count = self._count + 1 if are_equal(stated, self._stated) else 1
+        self._stated = stated
         return self._count >= SET_ANEW
 
 
-def are_equal(told: float, rate: float) -> bool:
+def are_equal(stated: float, rate: float) -> bool:
     """Whether two sampling rates are one, as instruments round them."""
-    return abs(told - rate) <= RATE_TOLERANCE * rate
+    return abs(stated - rate) <= RATE_TOLERANCE * rate
 
 
 class RateFinder:

@@ -100,13 +100,13 @@ async def _read(client: Any, nodes: Mapping[str, Any], begin_ns: int, end_ns: in
     wanted.TimestampsToReturn = ua.TimestampsToReturn.Both
     wanted.NodesToRead = [ua.HistoryReadValueId(NodeId=each.nodeid) for each in nodes.values()]
     results: Sequence[Any] = await session.history_read(wanted)
-    begun = [
+    unfinished = [
         ua.HistoryReadValueId(NodeId=each.NodeId, ContinuationPoint=result.ContinuationPoint)
         for each, result in zip(wanted.NodesToRead, results, strict=True)
         if result.ContinuationPoint
     ]
-    if begun:  # the next page is asked by its time: a server keeps few places to go on from
-        wanted.NodesToRead, wanted.ReleaseContinuationPoints = begun, True
+    if unfinished:  # the next page is asked by its time: a server keeps few places to go on from
+        wanted.NodesToRead, wanted.ReleaseContinuationPoints = unfinished, True
         with suppress(ua.UaStatusCodeError):
             await session.history_read(wanted)
     return results

@@ -156,7 +156,7 @@ async def variables_of(client: Any) -> list[Variable]:
 
 
 def chosen(name: str, variables: list[Variable]) -> Variable:
-    """The variable that a channel's name means.
+    """Return the variable that a channel's name means.
 
     Raises
     ------

@@ -81,7 +81,7 @@ def _chosen(address: FeedAddress, offered: Sequence[Any], mode: Any, policy: str
 
 
 def _described(endpoint: Any) -> str:
-    """An endpoint's security, as an address writes it."""
+    """Return an endpoint's security, as an address writes it."""
     words = {name: word for word, name in MODES.items()}
     word = words.get(endpoint.SecurityMode.name, "none")
     policy = endpoint.SecurityPolicyUri.rpartition("#")[2]
@@ -102,7 +102,7 @@ def _check_user(address: FeedAddress, endpoint: Any) -> None:
 
 
 def _application_uri(path: str) -> str | None:
-    """The URI that a certificate is for: a client has to use that one."""
+    """Return the URI that a certificate is for: a client has to use that one."""
     x509 = import_module("cryptography.x509")
     try:
         read = x509.load_der_x509_certificate(_der(path))
@@ -114,7 +114,7 @@ def _application_uri(path: str) -> str | None:
 
 
 def _der(path: str) -> bytes:
-    """A certificate's bytes, of PEM or DER."""
+    """Return a certificate's bytes, of PEM or DER."""
     content = Path(path).read_bytes()
     if not content.startswith(b"-----"):
         return content

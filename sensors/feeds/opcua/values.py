@@ -101,13 +101,13 @@ class ValueReader:
 
 
 def stamp_ns(value: Any) -> int | None:
-    """A data value's source time stamp, else the server's [ns since 1970-01-01 UTC]."""
+    """Return a data value's source time stamp, else the server's [ns since 1970-01-01 UTC]."""
     stamp = value.SourceTimestamp or value.ServerTimestamp
     return None if stamp is None else nanoseconds_of(stamp)
 
 
 def nanoseconds_of(moment: datetime) -> int:
-    """A time [ns since 1970-01-01 UTC]; UTC where it names no zone."""
+    """Return a time [ns since 1970-01-01 UTC]; UTC where it names no zone."""
     since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)) - _EPOCH
     return (since.days * 86_400 + since.seconds) * NANOSECONDS + since.microseconds * 1000
 
@@ -120,7 +120,7 @@ def moment_of(time_ns: int) -> datetime:
 
 
 def content_of(value: Any) -> Any:
-    """What a data value holds."""
+    """Return what a data value holds."""
     return None if value.Value is None else value.Value.Value
 
 

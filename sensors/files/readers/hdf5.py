@@ -40,7 +40,7 @@ def read_hdf5(path: Path) -> list[Sep005Channel]:
 def _arrays(
     group: Any, place: str, around: dict[str, Any], h5py: Any, path: Path
 ) -> list[NamedArray]:
-    """All datasets in a group and below, with the attributes that hold for them."""
+    """Return all datasets in a group and below, with the attributes that hold for them."""
     if b"pandas_type" in {key.encode() for key in group.attrs}:
         raise FileError(
             f"{path}: {place or '/'} is a table of pandas; DataFrame.to_parquet writes what is "
@@ -75,7 +75,7 @@ def _of_headers(members: Iterable[Any], h5py: Any) -> dict[str, Any]:
 
 
 def _note(dataset: Any) -> Any:
-    """The content of a dataset of one value or of text; None of any other."""
+    """Return the content of a dataset of one value or of text; None of any other."""
     if dataset.shape is None or dataset.dtype.names is not None:
         return None
     if dataset.dtype.kind in "OS":

@@ -241,7 +241,7 @@ def convert_batches(
 def _seconds_of(
     columns: SortedColumns, place: dict[int, int], path: Path
 ) -> Callable[[ChannelTable, pa.RecordBatch], ChannelTable]:
-    """What puts the times beside the samples of a batch."""
+    """Return what puts the times beside the samples of a batch."""
     if not columns.clock:
         return lambda chunk, _: replace(chunk, start_ns=columns.start_ns)
     titles = [columns.all[i] for i in columns.clock]

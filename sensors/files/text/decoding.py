@@ -51,7 +51,7 @@ def open_unpacked(path: Path) -> IO[bytes]:
 
 
 def _only_member(path: Path) -> IO[bytes]:
-    """The file in an archive; the archive itself where it is a workbook, or damaged."""
+    """Return the file in an archive; the archive itself where it is a workbook, or damaged."""
     try:
         archive = zipfile.ZipFile(path)
     except zipfile.BadZipFile:

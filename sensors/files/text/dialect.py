@@ -93,7 +93,7 @@ def read_head(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
 
 
 def _form_of(lines: Sequence[str]) -> "Form":
-    """The form in which the last lines make the most sense, then the most columns."""
+    """Return the form in which the last lines make the most sense, then the most columns."""
     judged = _last([each for each in lines if _holds_cells(each)])
     quoted = any('"' in line for line in judged)
     forms = [Form(d, p) for d in DELIMITERS for p in ".," if quoted or (d, p) != (",", ",")]
@@ -123,7 +123,7 @@ def _sense(form: "Form", judged: Sequence[str], first: Sequence[str]) -> tuple[f
 
 
 def _count_of(rows: Sequence[Sequence[str]]) -> int:
-    """How many cells most rows have; of two numbers as frequent, the first one's."""
+    """Return how many cells most rows have; of two numbers as frequent, the first one's."""
     counts = Counter(len(row) for row in rows)
     most = max(counts.values(), default=0)
     return next((len(row) for row in rows if counts[len(row)] == most), 0)
@@ -282,7 +282,7 @@ class _Beginning:
         return _Above(next(broken, fit), titles, units)
 
     def _titles_in(self, row: _Row, kinds: Sequence[ColumnKind]) -> list[str] | None:
-        """The cells of a row that may hold titles or units; None of one that cannot."""
+        """Return the cells of a row that may hold titles or units; None of one that cannot."""
         cells = self.form.titles(row.line, len(kinds))
         if cells is None or not any(cells):
             return None
@@ -345,7 +345,7 @@ class _Beginning:
 
 
 def _kinds(rows: Sequence[_Row]) -> list[ColumnKind]:
-    """What each column holds in the last rows."""
+    """Return what each column holds in the last rows."""
     judged = _last(rows)
     count = _count_of([row.cells for row in judged])
     regular = [row.kinds for row in judged if len(row.cells) == count]

@@ -117,7 +117,7 @@ def stated_start_ns(lines: Sequence[str], time: TimeColumn = UNSTATED) -> int:
 
 
 def _other_start_ns(lines: Sequence[str], time: TimeColumn) -> int:
-    """A start that is not written as ISO 8601; 0 where day and month may be exchanged."""
+    """Return a start that is not written as ISO 8601; 0 where day and month may be exchanged."""
     found = next((match for line in lines if (match := _OTHER_START.search(line))), None)
     if found is None or kind_of_text(found["moment"]) != "moment":
         return 0

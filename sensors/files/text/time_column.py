@@ -21,8 +21,14 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.files.table import DateOrder
-from sensors.files.text.dates import DateError, DateStyle, kind_of_text, zone_offset_ns
-from sensors.files.text.local_clock import Midnights, SummerTime
+from sensors.files.text.dates import (
+    DateError,
+    DateStyle,
+    Midnights,
+    SummerTime,
+    kind_of_text,
+    zone_offset_ns,
+)
 
 SECONDS_PER_UNIT = {
     "": 1.0,
@@ -125,7 +131,7 @@ class Scale:
 
 
 def _convert_numbers(first: float, step: float | None) -> Scale | None:
-    """The scale that the size of a number without a unit shows."""
+    """Return the scale that the size of a number without a unit shows."""
     for least, unit in COUNTED_FROM_1970:
         if first > least:
             return Scale(SECONDS_PER_UNIT[unit])

@@ -44,7 +44,7 @@ class Deck:
         self.path = path
 
     def text(self, keyword: str, *older: str) -> str:
-        """The value before a keyword, without quotes; TurbineError where it is missing.
+        """Return the value before a keyword, without quotes; TurbineError where it is missing.
 
         Parameters
         ----------
@@ -60,7 +60,7 @@ class Deck:
         raise TurbineError(f"{self.path}: there is no {keyword}; is it the right kind of file?")
 
     def number(self, keyword: str, *older: str) -> float:
-        """The number before a keyword."""
+        """Return the number before a keyword."""
         text = self.text(keyword, *older)
         try:
             return float(text.replace("D", "E").replace("d", "e"))
@@ -77,7 +77,7 @@ class Deck:
         raise TurbineError(f"{self.path}: there is no table of {head} with {n_rows} rows")
 
     def beside(self, keyword: str) -> "Deck":
-        """The file that a keyword names, relative to this one."""
+        """Return the file that a keyword names, relative to this one."""
         return Deck(self.path.parent / self.text(keyword).replace("\\", "/"))
 
 
@@ -152,7 +152,7 @@ def tower_tubes(deck: Deck) -> tuple[Tube, ...]:
 
 
 def tube_of(bottom: float, top: float, mass_per_length: float, rigidity: float) -> Tube:
-    """The circular tube of steel that has this mass [kg/m] and this EI [N·m²].
+    """Return the circular tube of steel that has this mass [kg/m] and this EI [N·m²].
 
     With A = m/ρ and I = EI/E:  D² + d² = 16 I/A  and  D² − d² = 4 A/π.
     """

@@ -136,7 +136,7 @@ def _at(table: Any, grid: FloatArray) -> FloatArray:
 
 
 def _above(tubes: tuple[Tube, ...], mudline: float) -> tuple[Tube, ...]:
-    """What stands above the mudline; the tube that it cuts is shortened."""
+    """Return what stands above the mudline; the tube that it cuts is shortened."""
     kept = [tube for tube in tubes if tube.top > mudline + 1e-6]
     if not kept or kept[0].bottom > mudline + 1e-6:
         raise TurbineError(

@@ -6,7 +6,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.archive.history.days import date_of, days_of
+from pipeline.archive.history.turbine_history import date_of, days_of
 from pipeline.archive.identification import IdentificationCall
 from pipeline.archive.plan import IdentificationTask
 from pipeline.messages import StreamGap

@@ -13,14 +13,13 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from pipeline.messages import FoundationEvent, StreamGap
-from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.alarms.outbox import DeliveryState
-from pipeline.monitoring.metrics import MetricsNode, served
+from pipeline.monitoring.metrics import MetricsNode, delivery_families, served
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
 from pipeline.runtime.node_thread import listened
 from pipeline.scenario import NO_STRUCTURE, TurbineSettings
-from pipeline.sources.playback import Playback
+from pipeline.sources.recorded_stream import Playback
 from pipeline.sources.sources import replayed
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, hub
 from sensors.acquisition.blocks import AccelerationBlock

@@ -18,13 +18,13 @@ SETTINGS = OmaSettings(window_duration=60.0, hop=60.0)
 
 
 def test_who_has_said_least_goes_and_of_these_who_was_silent_longest() -> None:
-    roster = LimitedMembers(3)
-    assert [roster.heard(name) for name in "aabbc"] == [None] * 5
-    assert roster.heard("d") == "c"
-    assert roster.heard("e") == "d"
-    assert roster.heard("e") is None
-    assert roster.heard("f") == "a"
-    assert roster.gone == 3
+    members = LimitedMembers(3)
+    assert [members.note(name) for name in "aabbc"] == [None] * 5
+    assert members.note("d") == "c"
+    assert members.note("e") == "d"
+    assert members.note("e") is None
+    assert members.note("f") == "a"
+    assert members.gone == 3
 
 
 FEW = LimitSettings(turbines=4, units=3)

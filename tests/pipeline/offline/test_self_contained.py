@@ -9,12 +9,12 @@ import pytest
 
 from pipeline.messages import FoundationPosterior
 from pipeline.offline.draw_recording import draw_recording
-from pipeline.offline.update_recording import update_from
 from pipeline.recording.reader import read_messages
 from pipeline.report.page import write_page
 from pipeline.report.recorded_session import read_session
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
+from pipeline.run.update_recording import update_from
 from pipeline.scenario import load_scenario
 from pipeline.sources.import_files import open_measurement, record_measurement
 from pipeline.sources.sources import (

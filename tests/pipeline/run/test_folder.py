@@ -13,8 +13,7 @@ from pipeline.run.folder import prepare_folder
 from pipeline.run.options import SessionOptions
 from pipeline.run.processes import node_command
 from pipeline.run.run import run_session
-from pipeline.sources.playback import Playback
-from pipeline.sources.recorded_stream import SourceError
+from pipeline.sources.recorded_stream import Playback, SourceError
 from pipeline.sources.sources import Source, open_source, replayed, simulated
 from pipeline.transport.zenoh_bus import peer_of
 from pipeline.viewer.outputs.outputs import ConnectedViewer

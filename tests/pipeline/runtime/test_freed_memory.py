@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.runtime.freed_memory import TRIM_PERIOD, FreedMemory
+from pipeline.runtime.node_thread import TRIM_PERIOD, FreedMemory
 
 STATUS = Path("/proc/self/status")
 

@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.messages import Message, MessageCount, NodeStatus, StreamEnd
 from pipeline.nodes.node import Node, NodeStatistics
-from pipeline.nodes.statistics import heard_blocks
+from pipeline.nodes.statistics import received_blocks
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.node_thread import DRAINED_WITHIN, STOPPED_WITHIN, NodeThread, serve
 from pipeline.runtime.runner import (
@@ -276,7 +276,7 @@ def test_a_node_that_never_answers_does_not_keep_the_run_from_ending() -> None:
 
 
 @pytest.mark.parametrize(
-    ("received", "lost", "heard"),
+    ("received", "lost", "has_blocks"),
     [
         ((), 0, False),
         ((MessageCount("SensorLayout", 3),), 0, False),
@@ -286,11 +286,11 @@ def test_a_node_that_never_answers_does_not_keep_the_run_from_ending() -> None:
     ],
 )
 def test_a_layout_is_no_first_block(
-    received: tuple[MessageCount, ...], lost: int, heard: bool
+    received: tuple[MessageCount, ...], lost: int, has_blocks: bool
 ) -> None:
     status = replace(example_status("recorder"), received=received, lost=lost)
-    assert heard_blocks(status) is heard
-    assert not heard_blocks(None)
+    assert received_blocks(status) is has_blocks
+    assert not received_blocks(None)
 
 
 def test_the_recorder_has_time_left_when_the_nodes_before_it_have_ended() -> None:

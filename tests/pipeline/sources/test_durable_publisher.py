@@ -13,7 +13,7 @@ from pipeline.recording.latest_messages import readable_messages
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX
-from pipeline.sources.durable_publisher import SENT_AGAIN_AFTER, DurablePublisher
+from pipeline.sources.publisher import SENT_AGAIN_AFTER, DurablePublisher
 from pipeline.sources.spool import Spool
 from pipeline.streams import key_of
 from pipeline.transport.bus import Delivery, Inbox

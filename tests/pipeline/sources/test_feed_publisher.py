@@ -100,7 +100,7 @@ def test_a_link_that_is_up_and_brings_nothing_is_logged_once(
 
 def test_an_instrument_that_was_never_reached_is_reported_at_the_end() -> None:
     stopping, feed = threading.Event(), ScriptedFeed([])
-    feed.counts.trouble = "Connection refused"
+    feed.counts.problem = "Connection refused"
     stopping.set()
     *_, last = told_of(feed, stopping)
     assert isinstance(last, NodeStatus)

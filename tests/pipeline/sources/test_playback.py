@@ -11,8 +11,7 @@ from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.runtime.source_feed import with_end
-from pipeline.sources.playback import Playback
-from pipeline.sources.recorded_stream import SourceError
+from pipeline.sources.recorded_stream import Playback, SourceError
 from pipeline.sources.sources import replayed, simulated
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError

@@ -28,9 +28,9 @@ def test_a_right_structure_raises_no_doubt():
     ],
 )
 def test_each_figure_alone_is_enough_to_doubt(fit, code):
-    (doubt,) = contradictions(fit, AcceptanceSettings())
-    assert doubt.code == code
-    assert "expected" in doubt.text
+    (warning,) = contradictions(fit, AcceptanceSettings())
+    assert warning.code == code
+    assert "expected" in warning.text
 
 
 def test_a_threshold_of_zero_is_refused():

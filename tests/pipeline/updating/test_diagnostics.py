@@ -9,7 +9,7 @@ from pipeline.messages import ModePair, ParameterSummary
 from pipeline.updating.acceptance import (
     AcceptanceSettings,
     contraction,
-    misfit_doubts,
+    misfit_warnings,
     mode_information,
     predictive_misfits,
     reduced_chi_square,
@@ -50,9 +50,9 @@ def test_right_predictions_misfit_by_one_standard_deviation_in_the_mean_square()
 def test_a_misfitting_mode_is_named_with_its_frequency_and_distance():
     pair = ModePair("m8", "20", 1.5365, 0.0017, 1.552, 0.997, True, misfit=-6.8, information=0.01)
     good = ModePair("m9", "6", 1.7858, 0.0014, 1.7862, 1.0, True, misfit=0.4, information=0.01)
-    (doubt,) = misfit_doubts([pair, good], AcceptanceSettings())
-    assert doubt.code == "mode-misfit"
-    assert all(each in doubt.text for each in ("m8", "1.536", "-1.00%", "6.8"))
+    (warning,) = misfit_warnings([pair, good], AcceptanceSettings())
+    assert warning.code == "mode-misfit"
+    assert all(each in warning.text for each in ("m8", "1.536", "-1.00%", "6.8"))
 
 
 def test_a_mode_whose_frequency_fits_is_named_by_its_shape():
@@ -64,9 +64,9 @@ def test_a_mode_whose_frequency_fits_is_named_by_its_shape():
 def test_a_stiffness_of_which_nothing_was_learned_is_named():
     wide = ParameterSummary("k11", "N/m", 1.0, 1.0, 0.3, 3.5, contraction=0.05)
     sharp = ParameterSummary("k22", "N·m/rad", 1.0, 1.0, 0.99, 1.01, contraction=0.99)
-    (doubt,) = unidentified_doubts([wide, sharp], AcceptanceSettings())
+    (warning,) = unidentified_doubts([wide, sharp], AcceptanceSettings())
     assert (
-        doubt.text == "k11 is not identified by these sensors: its interval is 95% of the prior's"
+        warning.text == "k11 is not identified by these sensors: its interval is 95% of the prior's"
     )
 
 

@@ -102,7 +102,7 @@ def test_two_modes_leave_a_ridge_that_contradicts_nothing_and_says_so(updater, s
     _, (*_, posterior) = after(updater, few)
     assert posterior.trusted
     assert posterior.reduced_chi_square < 1
-    assert "not-identified" in [doubt.code for doubt in posterior.warnings]
+    assert "not-identified" in [warning.code for warning in posterior.warnings]
     for name, k in zip(NAMES, TRUTH * NOMINAL, strict=True):
         assert posterior.parameter(name).p05 <= k <= posterior.parameter(name).p95
 

@@ -9,7 +9,6 @@ from scipy.signal import welch
 
 from pipeline.messages import FoundationTruth, StabilisationDiagram
 from pipeline.viewer.pictures.corner import PITCH, Axis, corner_plot
-from pipeline.viewer.pictures.frequency_axis import FrequencyAxis
 from pipeline.viewer.pictures.mac_matrix import LABEL_PITCH, mac_matrix, shade_values
 from pipeline.viewer.pictures.pile import LOAD, TALL, mudline_response, pile_picture
 from pipeline.viewer.pictures.scene import (
@@ -22,6 +21,7 @@ from pipeline.viewer.pictures.scene import (
 from pipeline.viewer.pictures.spectrum import (
     DECADES,
     SEGMENT,
+    FrequencyAxis,
     RecentSamples,
     power_spectral_densities,
     spectrum_picture,

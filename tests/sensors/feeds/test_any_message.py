@@ -18,7 +18,7 @@ from sensors.feeds.mqtt import SamplesReader
 from sensors.feeds.payloads.json_samples import MessageError
 from sensors.feeds.payloads.scada import ScadaReader
 from sensors.feeds.protocol import LONGEST_SENTENCE, NAMED_UNKNOWN, ChannelSamples, FeedCounts
-from sensors.feeds.seedlink.seedlink_feed import SeedLinkFeed
+from sensors.feeds.seedlink import SeedLinkFeed
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.seedlink_server import records
 

@@ -172,7 +172,7 @@ def test_a_file_that_is_not_there_is_waited_for_unless_once(tmp_path: Path) -> N
     live = tail(path, "?from=start")
 
     def done() -> bool:
-        if live.counts.trouble and not path.exists():
+        if live.counts.problem and not path.exists():
             path.write_text(HEADER + row(0))
         return live.counts.received == 1
 

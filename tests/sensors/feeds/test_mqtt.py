@@ -314,7 +314,7 @@ def test_nobody_at_the_start_is_one_line_with_once_and_patience_without() -> Non
         list(open_feed(address, LAYOUT, once=True).measured(threading.Event()))
     assert "\n" not in str(caught.value)
     live = open_feed(address, LAYOUT)
-    assert measured_until(live, lambda: bool(live.counts.trouble)) == []
+    assert measured_until(live, lambda: bool(live.counts.problem)) == []
 
 
 @pytest.mark.parametrize(

@@ -28,4 +28,4 @@ def test_pauses_double_from_half_a_second_to_thirty(monkeypatch: pytest.MonkeyPa
     with pytest.raises(EnoughWaits):
         asyncio.run(kept_connected(away, "feed", counts, once=False))
     assert waits == [0.5, 1, 2, 4, 8, 16, 30, 30, 30, 30, 30, 30]
-    assert counts.trouble == "no route"
+    assert counts.problem == "no route"

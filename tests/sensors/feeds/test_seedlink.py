@@ -20,7 +20,7 @@ from sensors.feeds.assembly.assembler import Assembler
 from sensors.feeds.live import LiveFeed, Measured
 from sensors.feeds.open_feed import open_feed
 from sensors.feeds.protocol import FeedError
-from sensors.feeds.seedlink.seedlink_feed import SeedLinkFeed, stations_of
+from sensors.feeds.seedlink import SeedLinkFeed, stations_of
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.scripted import measured_until
 from tests.sensors.feeds.seedlink_server import SeedLinkServer, records, seedlink_server
@@ -200,7 +200,7 @@ def test_a_server_that_is_quiet_is_asked_and_one_that_is_silent_given_up() -> No
         threading.Thread(target=greet, daemon=True).start()
         feed = SeedLinkFeed(parsed(f"seedlink://127.0.0.1:{port}/XX.TWR"), once=False, quiet=0.1)
         live = LiveFeed(feed, Assembler(LAYOUT, feed.counts))
-        measured_until(live, lambda: live.counts.trouble == "nothing for 0.2 s")
+        measured_until(live, lambda: live.counts.problem == "nothing for 0.2 s")
         for link in hold:
             link.close()
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.simulation.chunks import prefetch
+from sensors.simulation.tower import prefetch
 
 
 def counted(made: list[int], last: int | None = None) -> Iterator[NDArray[np.float64]]:

@@ -8,7 +8,6 @@ import pytest
 from sensors.loads import Sea, Wind
 from sensors.loads.operating_states import RATED_SPEED, steady_state
 from sensors.simulation.loads_over_time import build_loads, build_schedule
-from sensors.simulation.scada_samples import scada_samples
 from sensors.simulation.schedule import (
     FoundationSchedule,
     Schedule,
@@ -16,6 +15,7 @@ from sensors.simulation.schedule import (
     ScheduleStep,
     StiffnessEvent,
     Tide,
+    scada_samples,
 )
 from sensors.simulation.settings import SimulationError, SimulationSettings
 from sensors.structure.assembly import assemble

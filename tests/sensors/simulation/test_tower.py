@@ -14,13 +14,14 @@ from sensors.dynamics.modal_model import ModalModel, full_modes
 from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.simulated_modes import ModalDamping, observed_modes, structure_modes
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
-from sensors.simulation.chunks import split_into_blocks, trim
 from sensors.simulation.instruments import Instruments
 from sensors.simulation.tower import (
     SimulatedTower,
     SimulationError,
     SimulationSettings,
     resonance_grid,
+    split_into_blocks,
+    trim,
 )
 from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine

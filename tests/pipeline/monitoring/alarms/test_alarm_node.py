@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.monitoring.alarms.alarm_node import ALARMS_KEY, BOOK, FOLDER, AlarmNode
 from pipeline.monitoring.alarms.channels import Webhook
-from pipeline.monitoring.alarms.delivery_metrics import delivery_families
 from pipeline.monitoring.alarms.heartbeat import AlarmHeartbeat, Pulse
 from pipeline.monitoring.alarms.settings import (
     AlarmError,
@@ -23,10 +22,11 @@ from pipeline.monitoring.alarms.settings import (
     load_notices,
     notices_settings,
 )
+from pipeline.monitoring.metrics import delivery_families
 from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
 from pipeline.scenario import NO_STRUCTURE, TurbineSettings
-from pipeline.sources.playback import Playback
+from pipeline.sources.recorded_stream import Playback
 from pipeline.sources.sources import replayed
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock

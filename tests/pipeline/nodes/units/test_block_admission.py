@@ -110,7 +110,7 @@ def test_the_gate_holds_no_more_than_it_needs_to_decide(blocks) -> None:
         True,
         False,
     ]
-    assert gate.unfit == 0
+    assert gate.refused.total() == 0
 
 
 def test_a_year_missing_is_one_gap_and_not_a_flood_of_windows(blocks) -> None:
@@ -250,7 +250,7 @@ def test_the_first_block_of_a_session_that_one_of_the_last_overtakes_is_not_lost
     new = [replace(each, start_ns=each.start_ns + 60 * NANOSECONDS) for each in new]
     taken = admitted(admission, message(0), message(1), new[0], message(2), *new[1:])
     assert taken == [0, 1, 2, 0, 1, 2, 3, 4, 5, 6, 7]
-    assert admission.unfit == 0
+    assert admission.refused.total() == 0
 
 
 def test_two_blocks_after_a_clock_step_may_come_in_any_order() -> None:

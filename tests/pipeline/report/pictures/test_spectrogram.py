@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.report.pictures.spectrogram import BANDS, MOST_COLUMNS, Spectrogram
+from pipeline.report.pictures.samples import BANDS, MOST_COLUMNS, Spectrogram
 
 FREQUENCIES = np.arange(0, 201) * 0.05  # [Hz]
 SEGMENT = 50 * 10**9  # [ns]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.updating.prior import UpdatingError
-from pipeline.updating.samplers.emcee_sampler import SamplerSettings, walked
+from pipeline.updating.samplers.emcee_sampler import SamplerSettings, ensemble_chains
 
 SETTINGS = SamplerSettings(effective_draws=3000)
 MEAN = np.array([1.0, 2.0, -0.5])
@@ -27,7 +27,7 @@ def around(mean, spread, seed):
 
 
 def test_a_sharp_correlated_gaussian_is_recovered_in_mean_and_covariance():
-    chains = walked(gaussian, around(MEAN, 0.02, 1), SETTINGS, np.random.default_rng(1))
+    chains = ensemble_chains(gaussian, around(MEAN, 0.02, 1), SETTINGS, np.random.default_rng(1))
     covariance = FACTOR @ FACTOR.T
     draws = chains.flat[:, :3]
     assert chains.long_enough
@@ -36,14 +36,16 @@ def test_a_sharp_correlated_gaussian_is_recovered_in_mean_and_covariance():
 
 
 def test_chains_of_a_gaussian_forget_within_a_few_steps():
-    chains = walked(gaussian, around(MEAN, 0.02, 2), SETTINGS, np.random.default_rng(2))
+    chains = ensemble_chains(gaussian, around(MEAN, 0.02, 2), SETTINGS, np.random.default_rng(2))
     assert chains.autocorrelation_time < 6
     assert chains.rhat < 1.05
 
 
 def test_a_bent_density_keeps_its_moments():
     settings = SamplerSettings(effective_draws=2000, most_steps=1500)
-    chains = walked(banana, around(np.zeros(3), 0.5, 3), settings, np.random.default_rng(3))
+    chains = ensemble_chains(
+        banana, around(np.zeros(3), 0.5, 3), settings, np.random.default_rng(3)
+    )
     x, y, z, _ = chains.flat.T
     assert np.std(x) == pytest.approx(1.0, abs=0.08)
     assert np.mean(y) == pytest.approx(0.5, abs=0.08)
@@ -56,28 +58,28 @@ def test_a_density_with_an_edge_is_not_left_beyond_it():
         return np.where(points[:, 0] > MEAN[0], value, -np.inf), companion
 
     start = around(MEAN, 0.0, 4) + np.abs(around(np.zeros(3), 0.01, 4))
-    chains = walked(half, start, SETTINGS, np.random.default_rng(4))
+    chains = ensemble_chains(half, start, SETTINGS, np.random.default_rng(4))
     assert chains.flat[:, 0].min() > MEAN[0]
     expected = MEAN[0] + 0.01 * np.sqrt(2 / np.pi)
     assert chains.flat[:, 0].mean() == pytest.approx(expected, abs=0.0008)
 
 
 def test_the_companion_stays_with_its_point():
-    chains = walked(gaussian, around(MEAN, 0.02, 5), SETTINGS, np.random.default_rng(5))
+    chains = ensemble_chains(gaussian, around(MEAN, 0.02, 5), SETTINGS, np.random.default_rng(5))
     assert np.array_equal(chains.flat[:, 0], chains.flat[:, 3])
 
 
 def test_the_same_generator_walks_the_same_chains_whatever_ran_before():
     start = around(MEAN, 0.02, 6)
-    first = walked(gaussian, start, SETTINGS, np.random.default_rng([7, 3]))
+    first = ensemble_chains(gaussian, start, SETTINGS, np.random.default_rng([7, 3]))
     np.random.seed(99)  # noqa: NPY002  # somebody else's use of the global state
-    second = walked(gaussian, start, SETTINGS, np.random.default_rng([7, 3]))
+    second = ensemble_chains(gaussian, start, SETTINGS, np.random.default_rng([7, 3]))
     assert np.array_equal(first.points, second.points)
 
 
 def test_a_chain_that_is_too_short_says_so():
     settings = SamplerSettings(burn_in=5, block=10, most_steps=20)
-    chains = walked(gaussian, around(MEAN, 0.02, 8), settings, np.random.default_rng(8))
+    chains = ensemble_chains(gaussian, around(MEAN, 0.02, 8), settings, np.random.default_rng(8))
     assert not chains.long_enough
     assert len(chains.points) == 20
 

@@ -108,7 +108,7 @@ def test_chains_take_over_where_too_few_draws_count_and_say_so():
     drawn = ImportanceSampler(few, chains=CHAINS)(target, np.random.default_rng(8))
     assert drawn.sampler == "emcee"
     assert drawn.efficiency < 0.1
-    assert drawn.doubts[0].code == "importance-efficiency"
+    assert drawn.warnings[0].code == "importance-efficiency"
     assert np.linalg.norm(drawn.flat[:, :2], axis=1).mean() == pytest.approx(2.0, abs=0.01)
 
 

@@ -56,7 +56,7 @@ def test_chains_that_were_too_short_are_not_passed_over_in_silence():
     short = SamplerSettings(burn_in=5, block=10, most_steps=20)
     sampler = sampler_of(SamplingSettings(method="emcee"), short)
     drawn = sampler(gaussian().target, np.random.default_rng(6))
-    assert "chain-short" in [doubt.code for doubt in drawn.doubts]
+    assert "chain-short" in [warning.code for warning in drawn.warnings]
 
 
 def test_a_scenario_with_an_unknown_sampler_is_told_which_there_are():

@@ -61,7 +61,7 @@ def test_a_hundred_thousand_draws_lie_within_a_hundredth_of_the_true_marginals(k
     assert max(distances) < 0.01
     assert drawn.evaluations <= 250_000
     assert drawn.log_evidence == pytest.approx(known.log_evidence, abs=0.01)
-    assert not drawn.doubts
+    assert not drawn.warnings
 
 
 def test_the_second_peak_is_found_without_being_told_of_it():
@@ -87,7 +87,7 @@ def test_the_published_sampler_finds_the_posterior_but_misses_its_evidence_by_ma
     deviations = np.sqrt(np.diag(COVARIANCE))
     assert (drawn.flat[:, :3].mean(axis=0) - MEAN) / deviations == pytest.approx(0, abs=0.25)
     assert abs(drawn.log_evidence - known.log_evidence) > 5 * drawn.log_evidence_std
-    assert [doubt.code for doubt in drawn.doubts] == ["tmcmc-published"]
+    assert [warning.code for warning in drawn.warnings] == ["tmcmc-published"]
 
 
 def test_every_stage_of_the_published_sampler_has_as_many_samples_as_the_first():

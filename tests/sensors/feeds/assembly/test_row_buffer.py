@@ -5,7 +5,7 @@ import pytest
 
 from sensors.acquisition.blocks import BlockStatus
 from sensors.feeds.assembly.block_builder import RowCutter, SessionNames
-from sensors.feeds.assembly.row_buffer import WaitingRows
+from sensors.feeds.assembly.timestamp_alignment import WaitingRows
 from tests.sensors.feeds.assembly.test_block_builder import LAYOUT, RATE
 
 

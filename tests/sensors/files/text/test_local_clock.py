@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensors.files.text.local_clock import Midnights, SummerTime
+from sensors.files.text.dates import Midnights, SummerTime
 
 STEP = 50_000_000  # [ns]
 

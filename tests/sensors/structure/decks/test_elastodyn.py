@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.offline.project_texts import description_toml
 from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.decks.elastodyn import (
@@ -18,7 +19,6 @@ from sensors.structure.decks.elastodyn import (
     tower_tubes,
     tube_of,
 )
-from sensors.structure.decks.toml_text import description_toml
 from sensors.structure.description import TurbineDescription, load_turbine, parse_turbine
 from sensors.structure.foundation import FoundationSprings, TurbineError
 

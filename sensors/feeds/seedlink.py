@@ -10,7 +10,7 @@
     STATION STA NET  |  STATION NET_STA   OK
     SELECT LOCCHA    |  SELECT LOC_B_S_S  OK
     DATA [the sequence to go on with]     OK
-    END                                   packets, without end: `seedlink_packets.py`
+    END                                   packets, without end
     INFO ID, when nothing comes           a packet of text: the link is alive
 
 Every NET.STA.LOC.CHA is a channel (NET.STA..CHA without a location); samples are a digitiser's
@@ -19,10 +19,19 @@ on with the sequence behind the last packet, a feed that was killed with the one
 published packet (`position.py`): the server gives again what it still has. Sequences count
 everything of a station (or of a server), asked for or not: losses are known by the gaps in time.
 
+    packet of version 3   "SL", 6 hexadecimal digits of the sequence, one miniSEED record of any
+                          length; "SLINFO", 2 letters, 512 bytes
+    packet of version 4   "SE", format, subformat, payload length (uint32), sequence (uint64),
+                          length of the station's name (uint8), the name, the payload; little endian
+
+Version 3 does not give a record's length; miniSEED does: version 2 in blockette 1000, version 3 in
+its header.
+
 Why not obspy's own client: it sleeps half a second whenever nothing is there, in a loop that
 nothing else can run beside.
 
-Source: SeedLink protocol 3.1 and 4.0 (International Federation of Digital Seismograph Networks).
+Sources: SeedLink protocol 3.1 and 4.0, SEED manual 2.4, miniSEED 3
+(International Federation of Digital Seismograph Networks).
 """
 
 import asyncio
@@ -30,6 +39,8 @@ import logging
 import os
 import re
 import ssl
+import struct
+from asyncio import StreamReader
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -45,7 +56,6 @@ from sensors.feeds.payloads.timestamps import LATEST_NS
 from sensors.feeds.position import FeedPosition
 from sensors.feeds.protocol import ArrivalQueue, ChannelSamples, FeedCounts, FeedError
 from sensors.feeds.reconnect import LinkError, kept_connected
-from sensors.feeds.seedlink.packets import packet_3, packet_4
 
 logger = logging.getLogger(__name__)
 
@@ -63,6 +73,86 @@ _STATION = re.compile(
 )
 
 
+USUAL_RECORD = 512  # of SeedLink 3, where a record does not give its length [bytes]
+HEAD = 64  # of a record, read before its length is known [bytes]
+LONGEST_RECORD = 2**20  # [bytes]
+MINISEED_3 = b"MS\x03"
+_BLOCKETTE_1000 = 1000
+_V4_HEAD = struct.Struct("<2sccIQB")
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One record with its number."""
+
+    sequence: int
+    """Of the server or the station."""
+    record: bytes
+    """miniSEED; b"" if the packet has none."""
+
+
+async def packet_3(reader: StreamReader) -> Packet:
+    """The next packet of SeedLink 3.
+
+    Raises
+    ------
+    LinkError
+        If it is none.
+    asyncio.IncompleteReadError
+        If the link ends.
+    """
+    head = await reader.readexactly(8)
+    if head.startswith(b"SLINFO"):
+        await reader.readexactly(USUAL_RECORD)
+        return Packet(-1, b"")
+    try:
+        sequence = int(head[2:], 16)
+    except ValueError:
+        sequence = -1
+    if not head.startswith(b"SL") or sequence < 0:
+        raise LinkError(f"a packet that begins with {head!r}")
+    begin = await reader.readexactly(HEAD)
+    length = record_length(begin) or USUAL_RECORD
+    return Packet(sequence, begin + await reader.readexactly(length - HEAD))
+
+
+async def packet_4(reader: StreamReader) -> Packet:
+    """The next packet of SeedLink 4. Raises as `packet_3`."""
+    head = await reader.readexactly(_V4_HEAD.size)
+    signature, kind, _, length, sequence, name_length = _V4_HEAD.unpack(head)
+    if signature != b"SE" or length > LONGEST_RECORD:
+        raise LinkError(f"a packet that begins with {head[:8]!r}")
+    await reader.readexactly(name_length)
+    payload = await reader.readexactly(length)
+    return Packet(sequence, payload if kind in b"23" else b"")
+
+
+def record_length(begin: bytes) -> int:
+    """Length of a miniSEED record by its first HEAD bytes [bytes]; 0 if they do not give it."""
+    if begin.startswith(MINISEED_3):
+        name, extra, payload = struct.unpack_from("<BHI", begin, 33)
+        length = 40 + name + extra + payload
+        if length < HEAD or length > LONGEST_RECORD:
+            raise LinkError(f"a miniSEED 3 record of {length} bytes")
+        return int(length)
+    for order in (">", "<"):
+        if 1900 <= struct.unpack_from(f"{order}H", begin, 20)[0] <= 2100:
+            return _length_by_blockette(begin, order)
+    return 0
+
+
+def _length_by_blockette(begin: bytes, order: str) -> int:
+    at = struct.unpack_from(f"{order}H", begin, 46)[0]
+    while 48 <= at <= len(begin) - 8:
+        kind, following, _, _, exponent = struct.unpack_from(f"{order}HHBBB", begin, at)
+        if kind == _BLOCKETTE_1000:
+            return 2**exponent if 7 <= exponent <= 20 else 0
+        if following <= at:
+            return 0
+        at = following
+    return 0
+
+
 @dataclass(slots=True)
 class Station:
     """One station, and how far it has been read."""
@@ -78,7 +168,7 @@ class Station:
 
     @property
     def key(self) -> str:
-        """As in the address."""
+        """The station as the address names it."""
         return f"{self.network}.{self.station}"
 
     def matches(self, network: str, station: str) -> bool:
@@ -86,7 +176,7 @@ class Station:
         return network == self.network and fnmatchcase(station, self.station)
 
     def commands(self, version: int) -> list[str]:
-        """What asks for it, before DATA."""
+        """Return what asks for it, before DATA."""
         if version == 3:
             return [
                 f"STATION {self.station} {self.network}",
@@ -99,7 +189,7 @@ class Station:
 
 
 def stations_of(address: FeedAddress) -> list[Station]:
-    """The stations that an address names. Raises FeedError for what is none."""
+    """Return the stations that an address names. Raises FeedError for what is none."""
     stations: dict[tuple[str, str], Station] = {}
     for written in address.path.split(","):
         found = _STATION.fullmatch(written)
@@ -178,7 +268,7 @@ class SeedLinkFeed:
         writer.write(b"END\r\n")
 
     def _from(self, station: Station) -> str:
-        """The sequence behind the last packet, as the protocol writes it."""
+        """Return the sequence behind the last packet, as the protocol writes it."""
         if station.sequence is None:
             return ""
         if self._version == 4:
@@ -221,7 +311,7 @@ class SeedLinkFeed:
                 yield found.sequence, found.record
 
     def pieces_of(self, sequence: int, record: bytes) -> Iterator[ChannelSamples]:
-        """The samples in a packet; one that has none is counted."""
+        """Yield the samples in a packet; one that has none is counted."""
         self.counts.received += 1
         if not _HEADER.match(record):
             self.counts.refuse(f"packet {sequence:06X} is no miniSEED: {record[:20]!r}")
@@ -243,7 +333,7 @@ class SeedLinkFeed:
             yield ChannelSamples(name, (name,), samples, start_ns, rate)
 
     def _note(self, network: str, name: str, sequence: int, end_ns: int) -> None:
-        """From here the station goes on when the link is cut, or later when the feed is killed."""
+        """Note where the station goes on when the link is cut or the feed is killed."""
         for station in self._stations:
             if station.matches(network, name):
                 station.sequence = sequence
@@ -251,7 +341,7 @@ class SeedLinkFeed:
 
 
 def _reason(error: OSError) -> str:
-    """In few words: asyncio puts the address where the system's words belong."""
+    """Return why a link failed in the system's words, which asyncio mixes with the address."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"the certificate is refused: {error.verify_message}"
     if isinstance(error, ssl.SSLError):
@@ -296,7 +386,7 @@ async def _line(reader: asyncio.StreamReader) -> bytes:
 
 
 def _tls_context(address: FeedAddress) -> ssl.SSLContext | None:
-    """None without TLS. Raises FeedError if the authority's file cannot be read."""
+    """Return the TLS context; None without TLS. Raises FeedError for an unreadable file."""
     if not address.tls:
         return None
     try:

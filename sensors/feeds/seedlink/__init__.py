@@ -1,1 +1,0 @@
-"""SeedLink: data loggers and servers of seismology, versions 3 and 4."""
