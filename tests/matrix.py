@@ -44,7 +44,13 @@ def run(*command: object, cwd: Path = ROOT, timeout: float = 60 * MINUTES) -> st
 
 def environment(uv: str, folder: Path, wheel: Path, python: str, resolution: str) -> Path:
     """Make an environment with the wheel; return its Python."""
-    run(uv, "venv", "--quiet", "--python", python, folder)
+    try:
+        run(uv, "venv", "--quiet", "--python", python, folder)
+    except RuntimeError as error:
+        cause = str(error).strip().removeprefix("cause: ")
+        raise RuntimeError(
+            f"no Python {python} on this machine, and uv cannot fetch one ({cause})"
+        ) from error
     interpreter = folder / "bin" / "python"
     with (ROOT / "pyproject.toml").open("rb") as file:
         direct = tomllib.load(file)["project"]["dependencies"]  # named, so that these are lowest

@@ -223,7 +223,9 @@ def session_outputs(
     earlier   recordings in which nodes find what they have not answered yet
     epoch     number of the run, by its folder's lock
     """
-    views: tuple[ViewerOutput, ...] = (RrdFile(options.out / PICTURES),) if options.rrd else ()
+    views: tuple[ViewerOutput, ...] = ()
+    if options.rrd:
+        views = (RrdFile(options.out / PICTURES, indexed=not source.is_live),)
     if options.view is not None:
         views += (options.view,)
     if views:

@@ -4,6 +4,7 @@ A file holds one day of the sensor clock (UTC): the first keeps its name, `sessi
 is `session-2026-03-02.rrd`, and so on. A viewer is one stream for as long as it takes it.
 """
 
+from dataclasses import replace
 from datetime import UTC, datetime
 
 from pipeline.messages import (
@@ -143,7 +144,9 @@ class RerunStream:
         first = self._output.path
         date = datetime.fromtimestamp(day * DAY_NS // NANOSECONDS, UTC).date()
         page = free_path(first.with_name(f"{first.stem}-{date}{first.suffix}"))
-        self._recording = open_recording(RrdFile(page), recording_id=f"{self._session} {date}")
+        self._recording = open_recording(
+            replace(self._output, path=page), recording_id=f"{self._session} {date}"
+        )
         self._views = {
             turbine: view.copy_to(self._recording) for turbine, view in self._views.items()
         }

@@ -20,6 +20,7 @@ from pipeline.viewer.outputs.outputs import (
     RrdFile,
     SpawnedViewer,
     ViewerOutput,
+    prepare_rerun,
     require_rerun,
 )
 from pipeline.viewer.outputs.reconnecting_viewer import ReconnectingViewer
@@ -80,6 +81,7 @@ class Viewer(Sink):
         strict: bool = False,
     ) -> None:
         require_rerun(tuple(outputs))
+        prepare_rerun(outputs)
         from pipeline.viewer.rerun_stream import (
             RerunStream,  # here, so that all but pictures runs without rerun
         )

@@ -9,6 +9,7 @@
     python -m tests.mutation.draw --seed 20261128 --faults 100
     python -m tests.mutation.draw --seed 186001 --faults 40 --without numerics faults fresh \\
         drawn again third fourth fifth   (13 modules are left; 27 more by seed 186002 over all)
+    python -m tests.mutation.draw --seed 20261201 --faults 80 --without fifth sixth
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it; and those that hold what is published and

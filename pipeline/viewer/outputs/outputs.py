@@ -3,6 +3,8 @@
 Importable without rerun; `require_rerun` reports in one line what is missing.
 """
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,6 +24,10 @@ class RrdFile:
     """A headless recording, to be opened later with `rerun FILE`."""
 
     path: Path
+
+    indexed: bool = True
+    """Whether the file ends with an index of its chunks, for which rerun keeps 1.3 kB of each in
+    memory until then: 1 GB at the end of a day of 100 turbines. Viewers open files without one."""
 
     @property
     def option(self) -> str:
@@ -114,3 +120,17 @@ def require_rerun(outputs: tuple[ViewerOutput | WebPage, ...]) -> None:
             f"rerun-sdk is not installed (needed for {needed_for}): "
             "pip install rerun-sdk, or run with --no-rrd"
         )
+
+
+def prepare_rerun(outputs: Sequence[ViewerOutput]) -> None:
+    """Set what rerun reads from the environment while it is loaded, which comes after this.
+
+    Its allocator, mimalloc, gives freed pages back to the system at once: else the file of a farm
+    of four grew a process by 50 MB in ten hours of measurements. That a file has no index is no
+    warning. What the environment sets already stays.
+
+    Source: https://microsoft.github.io/mimalloc/environment.html
+    """
+    os.environ.setdefault("MIMALLOC_PURGE_DELAY", "0")  # [ms]
+    if any(isinstance(each, RrdFile) and not each.indexed for each in outputs):
+        os.environ.setdefault("RUST_LOG", "warn,re_log_encoding::rrd::file_sink=error")

@@ -59,6 +59,10 @@ def test_the_library_gives_the_posterior_of_the_session(
     session = pw.open(short_session)
     recorded = list(read_messages(short_session, (FoundationPosterior,)))
     assert len(session.posteriors) == len(recorded) == 2
+    assert session.posterior is session.posteriors[1]
+    assert replace(session, posteriors=session.posteriors * 2).posterior is session.posteriors[1]
+    assert replace(session, posteriors=session.posteriors[:1]).posterior is session.posteriors[0]
+    assert replace(session, posteriors=()).posterior is None
     assert session.posterior is not None
     np.testing.assert_array_equal(session.posterior.message.draws, recorded[-1].draws)
     from_modes = pw.update(session.modes, scenario=short_recording)
@@ -212,6 +216,8 @@ def test_tables_arrays_and_plots_are_those_of_the_field(
     assert session.plot().shape == (3,)
     assert len(structure.modes().plot(6).flat) == 6
     assert len(modes.plot_shapes().flat) >= len(modes)
+    drawn = measurement.plot()
+    assert [each.get_ylabel() for each in drawn] == [f"{c}\n[m/s²]" for c in measurement.channels]
     assert structure.plot().get_ylabel().startswith("elevation")
     pyplot.close("all")
 

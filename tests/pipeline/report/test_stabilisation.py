@@ -39,6 +39,14 @@ def test_a_figure_is_written(record: np.ndarray, tmp_path: Path) -> None:
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_figure_shows_the_records_spectrum(record: np.ndarray, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    found, paths = identify(record, RATE), [tmp_path / "once.png", tmp_path / "louder.png"]
+    for path, samples in zip(paths, (record, 1000 * record), strict=True):
+        draw_stabilisation(found, samples, RATE, path)
+    assert paths[0].read_bytes() != paths[1].read_bytes()
+
+
 def test_a_folder_that_is_not_there_is_one_clear_line(record: np.ndarray, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     with pytest.raises(InputError, match=r"cannot write the figure .*No such file"):

@@ -12,11 +12,11 @@ from pipeline.run import folder
 from pipeline.run.folder import prepare_folder
 from pipeline.run.options import SessionOptions
 from pipeline.run.processes import node_command
-from pipeline.run.run import run_session
+from pipeline.run.run import run_session, session_outputs
 from pipeline.sources.recorded_stream import Playback, SourceError
 from pipeline.sources.sources import Source, open_source, replayed, simulated
 from pipeline.transport.zenoh_bus import peer_of
-from pipeline.viewer.outputs.outputs import ConnectedViewer
+from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 
@@ -135,6 +135,14 @@ def test_a_node_in_another_process_is_told_the_same(short_recording: Path) -> No
     ]
     live = replace(source, recording=None)
     assert "--scenario" in node_command("updating", live, options, peer_of("tcp/127.0.0.1:1"), None)
+
+
+def test_pictures_that_grow_with_a_live_run_have_no_index_that_grows_in_memory(
+    short_recording: Path,
+) -> None:
+    for source, indexed in ((open_source("live"), False), (replayed(short_recording), True)):
+        outputs = session_outputs(source, SessionOptions(out=Path("o")))
+        assert outputs.views == (RrdFile(Path("o/session.rrd"), indexed=indexed),)
 
 
 def test_one_turbines_results_are_not_taken_for_the_farms() -> None:

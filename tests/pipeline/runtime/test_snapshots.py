@@ -188,6 +188,12 @@ def test_no_bit_of_a_checkpoint_flips_unseen(tmp_path):
             SnapshotFolder(tmp_path).read(TURBINE)
 
 
+def test_a_node_that_remembers_nothing_is_kept_too(tmp_path):
+    folder = SnapshotFolder(tmp_path)
+    folder.write("t1", NodeSnapshot(b"", ()))
+    assert folder.read("t1") == NodeSnapshot(b"", ())
+
+
 def test_estimates_that_were_recorded_and_not_answered_enter_after_a_restart(tmp_path):
     """All of a run was killed while its updating was three windows behind."""
     undisturbed = last_posterior(node_in(tmp_path / "whole"), range(5))

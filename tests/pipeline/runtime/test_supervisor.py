@@ -141,12 +141,15 @@ def test_a_pipe_that_closes_is_a_parent_that_has_gone() -> None:
     os.close(reading)
 
 
-def test_a_child_that_is_told_to_stop_ends_without_an_error(tmp_path: Path) -> None:
+def test_a_child_that_is_told_to_stop_ends_without_an_error(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     process = SupervisedProcess(Listener, [sys.executable, "-c", TOLD.format(up=str(tmp_path))])
     process.start()
     assert eventually(lambda: (tmp_path / "up").exists())
     process.stop()
     process.check()
+    assert not caplog.records  # it did not have to be killed
 
 
 def test_a_node_is_quiet_after_saying_the_same_for_seconds() -> None:

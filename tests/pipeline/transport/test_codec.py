@@ -206,6 +206,12 @@ def test_a_water_level_beyond_all_reason_is_refused(level: float) -> None:
         decode(ScadaSample, sample.SerializeToString())
 
 
+def test_a_window_that_ends_before_it_begins_is_refused() -> None:
+    written = pilewatch_pb2.ModalEstimate(turbine="t1", weight=1.0, start_ns=2, end_ns=1)
+    with pytest.raises(CodecError, match="end_ns 1 lies before start_ns 2"):
+        decode(ModalEstimate, written.SerializeToString())
+
+
 def test_a_mode_that_no_channel_shows_is_refused() -> None:
     written = pilewatch_pb2.ModalEstimate(turbine="t1", weight=1.0)
     written.modes.add().covariance_factor.rows = 2

@@ -18,6 +18,11 @@ def test_the_boundary_of_positive_definite_springs_is_where_the_determinant_vani
     assert Prior(NOMINAL).supports(ratios).tolist() == [True, False]
 
 
+def test_the_prior_is_flat_with_one_value_for_each_set_of_ratios():
+    assert Prior(NOMINAL).log_density(np.ones((5, 3))).tolist() == [0.0] * 5
+    assert Prior(NOMINAL).log_density(np.ones((2, 5, 3))).shape == (2, 5)
+
+
 def test_the_box_ends_at_a_quarter_and_four_times_nominal():
     ratios = np.array([[0.25, 4, 0.25], [0.2499, 4, 0.25], [1, 4.0001, 0.25]])
     assert Prior(NOMINAL).supports(ratios).tolist() == [True, False, False]

@@ -17,9 +17,10 @@ def _strict_rerun() -> None:
     rr.set_strict_mode(True)
 
 
-def record(path: Path, episode: Episode) -> Recorded:
+def record(path: Path, episode: Episode, *, indexed: bool = True) -> Recorded:
     """The session as the viewer writes it, read back."""
-    viewer = Viewer([RrdFile(path)], DESCRIPTION, session="made-up", strict=True)
+    output = RrdFile(path, indexed=indexed)
+    viewer = Viewer([output], DESCRIPTION, session="made-up", strict=True)
     for message in session(episode):
         viewer.handle(message)
     viewer.close()

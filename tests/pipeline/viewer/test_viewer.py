@@ -55,6 +55,17 @@ def test_everything_of_a_turbine_lies_below_its_name_on_the_sensor_clock(recorde
         assert times[-1] <= START_NS + 3 * WINDOW * NANOSECONDS
 
 
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_a_file_without_an_index_has_the_same_rows(recorded: Recorded, tmp_path: Path):
+    other = record(tmp_path / "live.rrd", Episode(rejected=(1,)), indexed=False)
+    assert other.entities == recorded.entities
+    assert other.n_blueprints == recorded.n_blueprints
+    for entity in (SIGNAL, f"{ROOT}/foundation/k22/posterior"):
+        assert np.array_equal(other.times_ns(entity), recorded.times_ns(entity))
+        np.testing.assert_array_equal(other.scalars(entity), recorded.scalars(entity))
+    assert other.path.stat().st_size < recorded.path.stat().st_size
+
+
 USED = (0, 2)  # windows of the recorded session; one is rejected
 STREAMS = {  # of every session with a posterior: its unit, whether it has a row a window
     "signals/tower/acceleration": ("m/s²", False),

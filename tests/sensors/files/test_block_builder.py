@@ -32,3 +32,11 @@ def test_a_long_silence_ends_a_session_and_a_short_one_is_a_gap_in_it(
     assert after.start_ns == later
     assert after.first_sample == (0 if n_sessions == 2 else round((10 + gap) * RATE))
     assert (after.sequence == 0) is (n_sessions == 2)
+
+
+def test_the_end_of_a_file_loses_no_sample() -> None:
+    cutter, whole = BlockCutter(LAYOUT, RATE), chunk(START, 10)
+    last = StampedSamples(whole.times_ns[:-15], whole.samples[:-15])
+    blocks = [*cutter.push(last), *cutter.finish()]
+    assert [len(block.samples) for block in blocks] == [40] * 9 + [25]
+    assert [*cutter.finish()] == []

@@ -31,6 +31,14 @@ def test_what_the_link_did_is_counted_by_name() -> None:
     assert watch.warnings_until(0) == ()  # told once
 
 
+def test_a_block_is_late_by_how_far_the_newest_is_ahead_of_it() -> None:
+    watch = BlockMonitor(lateness=5.0)
+    for sequence in (1000, 1006, 1002, 1000 - 1):
+        watch.note(block(sequence))
+    counts = {each.code: each.text.split()[0] for each in watch.warnings_until(0)}
+    assert counts == {"out-of-order": "1", "late": "1"}
+
+
 @pytest.mark.parametrize("ppm", [-40.0, 40.0])
 def test_a_clock_that_runs_fast_or_slow_is_told_with_its_rate(ppm: float) -> None:
     watch = BlockMonitor(lateness=5.0)

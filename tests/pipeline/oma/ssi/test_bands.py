@@ -44,6 +44,10 @@ def test_a_window_has_slow_bands_and_a_short_one_only_what_it_carries() -> None:
     assert [(band.decimation, band.high_passed) for band in whole] == [
         (8, False), (8, True), (4, False), (4, True), (1, False), (1, True),
     ]  # fmt: skip
+    assert {int(each) for band in whole for each in np.diff(band.orders)} == {4}  # two modes more
+    assert [(band.orders[0], band.orders[-1]) for band in whole] == [
+        (16, 60), (16, 60), (16, 48), (24, 80), (20, 68), (40, 108),
+    ]  # fmt: skip
     short = plan_bands(n_samples=300, n_channels=8, sampling_rate=RATE, settings=OmaSettings())
     assert not short[0].high_passed
     assert all(band.decimation == 1 for band in short)

@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.oma.ssi.stabilization import PoleCloud, clusters, unexplained_spread
+from pipeline.oma.ssi.stabilization import (
+    PoleCloud,
+    clusters,
+    recurring,
+    unexplained_spread,
+)
 
 ALONG = np.array([1.0, 0.0])
 
@@ -44,6 +49,17 @@ def test_poles_of_one_frequency_are_one_mode_only_if_their_shapes_agree(
     found = clusters(cloud([1.0] * 20, [1e-3] * 20, shapes), n_orders=20, minimum_presence=0.4)
     assert len(found) == n_modes
     assert sum(len(each.members) for each in found) == 20
+
+
+def test_poles_that_come_back_in_few_orders_are_worth_no_uncertainty() -> None:
+    """At 1 Hz in ten orders of twenty, at 2 Hz in five, at 3 Hz in ten whose shapes differ."""
+    frequencies = [1.0] * 10 + [2.0] * 5 + [3.0] * 5
+    shapes = [ALONG] * 15 + [turned(0.5)] * 2 + [turned(0.0)] * 3
+    poles = cloud(frequencies, [1e-3] * 20, shapes)
+    found = recurring(poles, n_orders=20, minimum_presence=0.4)
+    assert found.tolist() == [True] * 10 + [False] * 10
+    again = recurring(poles, n_orders=20, minimum_presence=0.25)
+    assert again.tolist() == [True] * 15 + [False] * 5
 
 
 def spread_with(blurred_std: float) -> float:

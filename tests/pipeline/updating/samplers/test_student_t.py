@@ -47,6 +47,15 @@ def test_a_fit_finds_two_clusters_and_their_shares():
     assert fit.means[order] == pytest.approx(np.array([[-40, 4], [1, -1]]), abs=0.15)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_points_of_one_component_are_fitted_with_one(seed: int):
+    """By AIC: a second one costs 28 numbers in six dimensions, and 300 points tell less of it."""
+    one = StudentMixture.single(np.zeros(6), np.eye(6))
+    points = one.draws(300, np.random.default_rng(seed))
+    fit = fitted_mixture(points, np.ones(300), np.random.default_rng(9), most_components=4)
+    assert len(fit.shares) == 1
+
+
 def test_weights_turn_a_wide_sample_into_a_narrow_fit():
     generator = np.random.default_rng(6)
     wide = generator.normal(size=(6000, 2)) * 3

@@ -1,6 +1,10 @@
 """Outputs of the viewer, and the errors where one is not available."""
 
 import importlib.util
+import os
+import re
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -102,3 +106,22 @@ def test_what_is_drawn_is_in_the_file(tmp_path: Path) -> None:
     recording.flush()
     recording.disconnect()
     assert file.stat().st_size > 100
+
+
+def test_freed_memory_goes_back_at_once_and_a_file_without_an_index_is_no_warning(tmp_path: Path):
+    source = f"""
+from pathlib import Path
+from pipeline.viewer.outputs.outputs import RrdFile
+from pipeline.viewer.viewer_node import Viewer
+from tests.pipeline.viewer.session import DESCRIPTION
+output = RrdFile(Path({str(tmp_path / "x.rrd")!r}), indexed=False)
+Viewer([output], DESCRIPTION, session="x").close()
+"""
+    ran = subprocess.run(
+        [sys.executable, "-c", source],
+        capture_output=True, text=True, check=True, env=os.environ | {"MIMALLOC_VERBOSE": "1"},
+    )  # fmt: skip
+    delays = re.findall("'purge_delay': (.+)", ran.stderr)  # rerun's allocator, pyarrow's
+    assert delays
+    assert {each.strip() for each in delays} == {"0"}
+    assert "WARN" not in ran.stdout + ran.stderr

@@ -96,6 +96,15 @@ def test_a_monopile_is_cut_at_the_mudline(tmp_path: Path) -> None:
         read_windio(path, SPRINGS, mudline=-80.0)
 
 
+def test_a_section_that_ends_at_the_mudline_is_not_there(tmp_path: Path) -> None:
+    monopile = shell(-60.0, 10.0, 6.0, 0.06)
+    monopile["reference_axis"]["z"] = {"grid": [0.0, 0.5, 1.0], "values": [-60.0, -25.0, 10.0]}
+    path = written(tmp_path, turbine(monopile=monopile))
+    found = read_windio(path, SPRINGS, mudline=-25.0)
+    assert found.tubes[0].bottom == -25.0
+    assert min(tube.length for tube in found.tubes) > 1.0
+
+
 @pytest.mark.parametrize("content", [{"a": 1}, [1, 2], "text", {"components": {}}])
 def test_another_file_is_refused(tmp_path: Path, content: Any) -> None:
     with pytest.raises(TurbineError, match="no turbine of WindIO 2"):
