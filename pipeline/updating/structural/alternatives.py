@@ -56,6 +56,8 @@ class Alternative:
     """ "" for the description as it is; "flooded", "reduced blades", …"""
     probability: float
     """Prior [-]"""
+    support: str = ""
+    """What it says of tubes and water, whatever of the blades."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,14 +168,22 @@ class JointInference:
 
     def with_fits(self, change: Callable[[JointFit], JointFit]) -> "JointInference":
         """The same with every alternative's fit changed."""
+        return self._of([(each, change(fit)) for each, fit in self.fits])
+
+    def _of(self, fits: Sequence[tuple[Alternative, JointFit]]) -> "JointInference":
         return JointInference(
-            [(each, change(fit)) for each, fit in self.fits],
+            fits,
             structure=self.structure,
             layout=self.layout,
             prior=self.prior,
             highest_sigma=self._highest_sigma,
             other_sign=self._other_sign,
         )
+
+    def with_support_of(self, alternative: Alternative) -> "JointInference":
+        """The same with only those alternatives whose tubes and water are like one's."""
+        alike = [(each, fit) for each, fit in self.fits if each.support == alternative.support]
+        return self._of(alike)
 
     def fit_of(self, name: str) -> JointFit:
         """The alternative of that name; the first where none has it."""

@@ -159,7 +159,11 @@ def _structures(turbine: TurbineDescription, settings: StructureSettings) -> lis
     """Every combination of how the tubes and the blades may behave and of water inside."""
     return [
         _Structure(
-            Alternative(_named(turbine, mesh, flooded, shear), share * probability * of_theory),
+            Alternative(
+                _named(turbine, mesh, flooded, shear),
+                share * probability * of_theory,
+                _support(turbine, flooded, shear),
+            ),
             mesh,
             flooded,
             shear,
@@ -192,14 +196,17 @@ def _floodings(turbine: TurbineDescription, *, exact: bool) -> list[tuple[bool, 
 
 
 def _named(turbine: TurbineDescription, mesh: BladeMesh, flooded: bool, shear: bool) -> str:
+    blades = "" if turbine.blades is None else f"{mesh} blades"
+    return ", ".join(filter(None, (blades, _support(turbine, flooded, shear)))) or "as described"
+
+
+def _support(turbine: TurbineDescription, flooded: bool, shear: bool) -> str:
     words = []
-    if turbine.blades is not None:
-        words.append(f"{mesh} blades")
     if turbine.water is not None and flooded != turbine.water.inside:
         words.append("flooded" if flooded else "not flooded")
     if shear != turbine.has_shear:
         words.append("tubes with shear" if shear else "tubes without shear")
-    return ", ".join(words) or "as described"
+    return ", ".join(words)
 
 
 def _with_population(

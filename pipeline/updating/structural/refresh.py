@@ -356,22 +356,29 @@ def _with_likely_fault(
     """The attempt with the first of some faults that explains the evidence, else with that which
     explains most; as it was for none.
 
-    Every alternative is fitted anew: which was best with wrong shapes tells nothing.
+    The blades' alternatives are fitted anew with each, since which was best with wrong shapes tells
+    nothing; tubes and water, of which frequencies tell, only with the fault that is taken.
 
     faults   names, and sizes in prior standard deviations
     """
     best: _Attempt | None = None
+    alike = inference.with_support_of(attempt.result.best.alternative)
     for name, size in faults:
-        found = _with_fault_named(
-            inference, measured, (), level_std=level_std, name=name, size=size
-        )
+        found = _with_fault_named(alike, measured, (), level_std=level_std, name=name, size=size)
         if found is None or found.paired_share <= attempt.paired_share - LOST_PAIRS:
             continue
         if best is None or misfit(found.result.best.peak) < misfit(best.result.best.peak):
             best = found
         if best.result.best.peak.relative_cost <= SUSPICIOUS_COST:
             break
-    return best or attempt
+    if best is None or best.fault is None:
+        return attempt
+    starts = best.result.starts
+    name, size = best.fault.name, best.fault.size(best.result.best.peak.u)
+    every = _with_fault_named(
+        inference, measured, starts, level_std=level_std, name=name, size=size
+    )
+    return every or best
 
 
 def _with_sensor_fault(
