@@ -133,11 +133,13 @@ def identify(
     steady = without_offset(clean)
     del clean  # a window of a fast recorder has gigabytes
     turning = rotor_speed is not None and turns(rotor_speed)
+    left = None
     if rotor_speed is not None and turning:
-        steady = without_harmonics(steady, sampling_rate, rotor_speed)
+        rest = without_harmonics(steady, sampling_rate, rotor_speed)
+        steady, left = rest.samples, rest.left
     integrations = integrations_of(quantities, samples.shape[1])
     by_band = _modes_by_band(steady, bands, settings, references, integrations)
-    found = concluded(by_band, steady, sampling_rate, findings, settings, integrations)
+    found = concluded(by_band, steady, sampling_rate, findings, settings, integrations, left=left)
     if rotor_speed is not None and turning:
         found = _without_followers(found, len(steady) / sampling_rate, rotor_speed)
     return _cross_checked(found, steady, sampling_rate) if cross_checked else found
@@ -193,11 +195,14 @@ def concluded(
     findings: Sequence[Finding],
     settings: OmaSettings,
     integrations: IntArray | None = None,
+    *,
+    left: FloatArray | None = None,
 ) -> Identification:
     """All bands' modes as one list: each once, close pairs joined; harmonics and what is known
     too vaguely for a mode left out.
 
     steady   the window's samples, free of offset, (n, n_channels)
+    left     what taking off a rotor's harmonics has left of each line's power, (n // 2 + 1,)
     """
     judged = _judged(by_band, steady, sampling_rate, settings)
     coupled = coupled_harmonics(steady, sampling_rate)
@@ -206,7 +211,7 @@ def concluded(
     warnings += [] if coupled is None else [_of_a_machine(coupled)]
     by_lines = Sharpened(tuple(judged.modes), tuple(judged.refused))
     if steady.shape[1] <= MOST_FITTED_CHANNELS:
-        spectrum = WindowSpectrum(steady, sampling_rate, integrations)
+        spectrum = WindowSpectrum(steady, sampling_rate, integrations, left)
         twins = _twins_beside(by_band, [*judged.modes, *judged.harmonics])
         stationary = all(finding.code != "non-stationary" for finding in findings)
         reach = (
