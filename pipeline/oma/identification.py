@@ -198,6 +198,8 @@ def _without_machines(
     coupled = coupled_harmonics(steady, sampling_rate)
     if coupled is None:
         return _WithoutMachines(steady)
+    if not coupled.is_pure:
+        return _WithoutMachines(steady, warnings=(_of_a_machine(coupled, TOLD_BY_SPEED),))
     speed = rotor_speed_of(coupled, steady, sampling_rate)
     rest = without_harmonics(steady, sampling_rate, speed)
     return _WithoutMachines(

@@ -43,6 +43,17 @@ def test_the_phase_of_harmonics_says_the_speed_of_their_rotor(ratio: int, order:
     assert np.mean((left - noise) ** 2) < 0.03 * np.mean(noise**2)
 
 
+@pytest.mark.parametrize(("noise", "pure"), [(0.5, True), (3.0, False)])
+def test_the_phase_is_the_machines_where_most_of_the_motion_is(noise: float, pure: bool) -> None:
+    rate, n = 10.0, 6000
+    angle = 2 * np.pi * 1.2 * np.arange(n) / rate
+    shaking = np.outer(np.cos(angle) + np.cos(2 * angle + 1), [1.0, -0.5])
+    random = noise * np.random.default_rng(5).standard_normal((n, 2))
+    found = coupled_harmonics(shaking + random, rate)
+    assert found is not None
+    assert found.is_pure == pure
+
+
 def test_harmonics_of_an_unknown_speed_hide_no_modes_beside_them_and_are_none() -> None:
     found = figures(range(70_001, 70_005), known=False)
     assert found["found"] >= 0.7
