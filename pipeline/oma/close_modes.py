@@ -87,7 +87,9 @@ def resolved_by_evidence(
                 result = [mode for mode in result if not any(mode is each for each in inside)]
                 reasons += [_no_peak(mode) for mode in inside]
             continue
-        kept: Sequence[Mode] = with_leading_pole(found.modes, inside, found.weaker_share, duration)
+        kept: Sequence[Mode] = found.modes
+        if spectrum.is_whole(group.low, group.high, group.half_bandwidth):
+            kept = with_leading_pole(kept, inside, found.weaker_share, duration)
         if group.half_bandwidth * duration >= UNRESOLVED:
             kept = _without_broken_pairs([e for e in kept if _believable(e, group)])
             alike = any(group.holds(each.frequency, duration) for each in coincident)

@@ -1,6 +1,6 @@
 """Blind identification of one window: samples in, modes with their uncertainty out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,7 +17,11 @@ from pipeline.oma.band_merging import (
 )
 from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence, with_lone_modes
 from pipeline.oma.cross_check import CrossCheck, cross_checks, disagreements
-from pipeline.oma.data_quality.coupled_harmonics import CoupledHarmonics, coupled_harmonics
+from pipeline.oma.data_quality.coupled_harmonics import (
+    CoupledHarmonics,
+    coupled_harmonics,
+    rotor_speed_of,
+)
 from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
     Finding,
@@ -96,7 +100,8 @@ def identify(
     channel_names   for warnings and the references; "channel 1" and so on by default
     quantities      what each channel measures; by default all the same
     rotor_speed     at each sample, (n,) [rpm]: harmonics of a turning rotor are taken off along its
-                    angle (`rotor_harmonics.py`), and what follows it is no mode
+                    angle (`rotor_harmonics.py`), and what follows it is no mode; where it is not
+                    known, two harmonics that keep one phase say it (`coupled_harmonics.py`)
     cross_checked   every mode is estimated a second time from its spectral peak (`cross_check.py`);
                     where the two differ by more than their std allow, a warning says so
 
@@ -132,14 +137,15 @@ def identify(
     )
     steady = without_offset(clean)
     del clean  # a window of a fast recorder has gigabytes
-    turning = rotor_speed is not None and turns(rotor_speed)
-    if rotor_speed is not None and turning:
-        steady = without_harmonics(steady, sampling_rate, rotor_speed)
+    rest = _without_machines(steady, sampling_rate, rotor_speed)
+    steady = rest.samples
     integrations = integrations_of(quantities, samples.shape[1])
     by_band = _modes_by_band(steady, bands, settings, references, integrations)
-    found = concluded(by_band, steady, sampling_rate, findings, settings, integrations)
-    if rotor_speed is not None and turning:
-        found = _without_followers(found, len(steady) / sampling_rate, rotor_speed)
+    found = concluded(
+        by_band, steady, sampling_rate, findings, settings, integrations, left=rest.left
+    )
+    found = _without_followers(found, rest.follows)
+    found = replace(found, warnings=(*found.warnings, *rest.warnings))
     return _cross_checked(found, steady, sampling_rate) if cross_checked else found
 
 
@@ -165,11 +171,50 @@ def _modes_by_band(
     ]
 
 
-def _without_followers(
-    found: Identification, duration: float, rotor_speed: FloatArray
-) -> Identification:
+@dataclass(frozen=True, slots=True, eq=False)
+class _WithoutMachines:
+    """A window less the harmonics of a turning rotor."""
+
+    samples: FloatArray
+    left: FloatArray | None = None  # what that has left of each line's power; None: all
+    follows: Callable[[float], bool] = lambda _: False  # whether a frequency [Hz] is a harmonic's
+    warnings: tuple[QualityWarning, ...] = ()
+
+
+def _without_machines(
+    steady: FloatArray, sampling_rate: float, rotor_speed: FloatArray | None
+) -> _WithoutMachines:
+    """The window less what follows a rotor of known speed; or else what keeps one phase with it."""
+    duration = len(steady) / sampling_rate
+    if rotor_speed is not None and turns(rotor_speed):
+        rest = without_harmonics(steady, sampling_rate, rotor_speed)
+        coupled = coupled_harmonics(rest.samples, sampling_rate)
+        return _WithoutMachines(
+            rest.samples,
+            rest.left,
+            lambda f: follows_rotor(f, duration, rotor_speed),
+            () if coupled is None else (_of_a_machine(coupled, TOLD_BY_SPEED),),
+        )
+    coupled = coupled_harmonics(steady, sampling_rate)
+    if coupled is None:
+        return _WithoutMachines(steady)
+    if not coupled.is_pure:
+        return _WithoutMachines(steady, warnings=(_of_a_machine(coupled, TOLD_BY_SPEED),))
+    speed = rotor_speed_of(coupled, steady, sampling_rate)
+    rest = without_harmonics(steady, sampling_rate, speed)
+    return _WithoutMachines(
+        rest.samples,
+        np.where(coupled.holds(np.arange(len(rest.left)) / duration), 0.0, rest.left),
+        lambda f: bool(coupled.holds(np.array(f))) or follows_rotor(f, duration, speed),
+        (_of_a_machine(coupled, TAKEN_OFF),),
+    )
+
+
+def _without_followers(found: Identification, follows: Callable[[float], bool]) -> Identification:
     """What is left of the rotor's harmonics is refused, not reported."""
-    followers = [m for m in found.modes if follows_rotor(m.frequency, duration, rotor_speed)]
+    followers = [mode for mode in found.modes if follows(mode.frequency)]
+    if not followers:
+        return found
     kept = tuple(mode for mode in found.modes if not any(mode is each for each in followers))
     refused = sorted([*found.refused, *map(harmonic, followers)], key=lambda each: each.frequency)
     return replace(found, modes=kept, refused=tuple(refused))
@@ -193,20 +238,21 @@ def concluded(
     findings: Sequence[Finding],
     settings: OmaSettings,
     integrations: IntArray | None = None,
+    *,
+    left: FloatArray | None = None,
 ) -> Identification:
     """All bands' modes as one list: each once, close pairs joined; harmonics and what is known
     too vaguely for a mode left out.
 
     steady   the window's samples, free of offset, (n, n_channels)
+    left     what taking off a rotor's harmonics has left of each line's power, (n // 2 + 1,)
     """
     judged = _judged(by_band, steady, sampling_rate, settings)
-    coupled = coupled_harmonics(steady, sampling_rate)
     warnings = [finding.warning for finding in findings]
     warnings += [_steady_amplitude(mode) for mode in judged.harmonics]
-    warnings += [] if coupled is None else [_of_a_machine(coupled)]
     by_lines = Sharpened(tuple(judged.modes), tuple(judged.refused))
     if steady.shape[1] <= MOST_FITTED_CHANNELS:
-        spectrum = WindowSpectrum(steady, sampling_rate, integrations)
+        spectrum = WindowSpectrum(steady, sampling_rate, integrations, left)
         twins = _twins_beside(by_band, [*judged.modes, *judged.harmonics])
         stationary = all(finding.code != "non-stationary" for finding in findings)
         reach = (
@@ -334,13 +380,19 @@ def _steady_amplitude(mode: Mode) -> QualityWarning:
     )
 
 
-def _of_a_machine(coupled: CoupledHarmonics) -> QualityWarning:
+TOLD_BY_SPEED = "a mode reported there may be one of them, which the rotor's speed would take off"
+TAKEN_OFF = (
+    "taken off along the phase that they keep; a mode within 3 % of them is not seen, for which "
+    "the rotor's speed must be known"
+)
+
+
+def _of_a_machine(coupled: CoupledHarmonics, consequence: str) -> QualityWarning:
     lower, upper = coupled.frequency, coupled.ratio * coupled.frequency
     return QualityWarning(
         "harmonic",
         f"what shakes at {lower:.3g} and at {upper:.3g} Hz keeps one phase (coherence "
-        f"{coupled.coherence:.2f}): harmonics of a machine, as of a turning rotor; a mode reported "
-        "there may be one of them, which the rotor's speed would take off",
+        f"{coupled.coherence:.2f}): harmonics of a machine, as of a turning rotor; {consequence}",
     )
 
 

@@ -25,6 +25,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.oma.data_quality.coupled_harmonics import coupled_harmonics
 from pipeline.oma.identification import (
     Identification,
     check_window,
@@ -223,6 +224,8 @@ class StreamingIdentifier:
         references = references_among(names, settings)
         steady = np.asarray(samples, dtype=np.float64)
         offset = steady.mean(axis=0)
+        if coupled_harmonics(steady - offset, self._rate) is not None:
+            return identify(samples, self._rate, settings, channel_names=names)
         by_band = []
         for ring in self._rings:
             covariances = ring.covariances(

@@ -13,8 +13,10 @@ amplitudes in place of their differences.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft, linalg
 
 from sensors.arrays import FloatArray
 
@@ -31,13 +33,23 @@ def rotor_frequency(rotor_speed: FloatArray) -> FloatArray:
     return np.asarray(rotor_speed, dtype=np.float64) / 60.0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class WithoutHarmonics:
+    """A window less what follows the rotor's angle."""
+
+    samples: FloatArray
+    """(n, n_channels)"""
+    left: FloatArray
+    """What the removal has left of the power of each line k/T, (n // 2 + 1,), 0 to 1 [-]."""
+
+
 def without_harmonics(
     samples: FloatArray,
     sampling_rate: float,
     rotor_speed: FloatArray,
     orders: Sequence[int] = ORDERS,
-) -> FloatArray:
-    """The samples less what follows the rotor's angle.
+) -> WithoutHarmonics:
+    """The samples less what follows the rotor's angle, and what that leaves of each line.
 
     Parameters
     ----------
@@ -48,10 +60,6 @@ def without_harmonics(
         At each sample [rpm].
     orders : sequence of int
         Times a turn.
-
-    Returns
-    -------
-    ndarray, shape (n, n_channels)
     """
     angle = np.cumsum(rotor_frequency(rotor_speed)) / sampling_rate
     splines = _splines(len(samples))
@@ -60,10 +68,15 @@ def without_harmonics(
         for order in orders
         for part in (np.cos, np.sin)
     ]
-    basis = np.hstack(columns)
-    gram = basis.T @ basis
-    gram += 1e-9 * np.trace(gram) / len(gram) * np.eye(len(gram))
-    return np.asarray(samples - basis @ np.linalg.solve(gram, basis.T @ samples))
+    (basis,) = linalg.qr(np.hstack(columns), mode="economic", overwrite_a=True, check_finite=False)[
+        :1
+    ]
+    taken = np.zeros(len(samples) // 2 + 1)
+    for column in basis.T:
+        taken += np.abs(fft.rfft(column)) ** 2
+    return WithoutHarmonics(
+        samples - basis @ (basis.T @ samples), np.clip(1 - taken / len(samples), 0.0, 1.0)
+    )
 
 
 def turns(rotor_speed: FloatArray) -> bool:

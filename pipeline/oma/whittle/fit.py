@@ -68,7 +68,7 @@ class WhittleFit:
         inner = np.linalg.pinv(along.T @ self.information @ along, hermitian=True)
         return np.asarray(along @ inner @ along.T, dtype=np.float64)
 
-    def bayes_cost(self, n_lines: int) -> float:
+    def bayes_cost(self, n_lines: float) -> float:
         """Schwarz's approximation of −ln of the evidence [nats]."""
         return self.cost + 0.5 * self.directions.shape[1] * float(np.log(2 * n_lines))
 

@@ -22,8 +22,8 @@ class NarrowBand:
     """Mean of y_k y_kᴴ over the lines taken together, (n_bins, n_channels, n_channels) [-]."""
     numbers: FloatArray
     """Frequency × duration of each bin's middle, (n_bins,) [-]."""
-    n_together: IntArray
-    """Lines in each bin, (n_bins,)."""
+    n_together: FloatArray
+    """Lines in each bin, as far as they are left, (n_bins,)."""
     scales: FloatArray
     """Divisors of the channels, (n_channels,), in the samples' units."""
     duration: float
@@ -32,9 +32,9 @@ class NarrowBand:
     """Of channels that measure different quantities, (n_channels,)."""
 
     @property
-    def n_lines(self) -> int:
-        """Lines of the periodogram in the band."""
-        return int(self.n_together.sum())
+    def n_lines(self) -> float:
+        """Lines of the periodogram in the band, as far as they are left."""
+        return float(self.n_together.sum())
 
     @property
     def total(self) -> ComplexArray:
@@ -61,15 +61,28 @@ class NarrowBand:
         return np.asarray(self.scales * (2 * np.pi * frequency) ** self.integrations)
 
 
+WHOLE = 0.9  # share of a line's power of which no more was taken off than chance takes
+LEAST_OF_A_LINE = 0.3  # share of its power: with less it is hardly more than what a removal missed
+
+
 class WindowSpectrum:
     """Fourier transform of a window without a taper: lines k/T are nearly independent.
 
     samples        (n, n_channels), free of offset
     integrations   how often each channel's acceleration is integrated, (n_channels,)
+    left           of each line's power, where a rotor's harmonics were taken off, (n // 2 + 1,):
+                   such a line counts as much as is left of it, and one of which hardly anything is
+                   left not at all. Taken for whole ones, they would make a mode's flank too steep:
+                   of 139 first modes 5 to 10 % off a harmonic (seeds 70031 to 70100) the damping
+                   came out 8 % lower than without it, and its 90 % intervals held .81; .88 since
     """
 
     def __init__(
-        self, samples: FloatArray, sampling_rate: float, integrations: IntArray | None = None
+        self,
+        samples: FloatArray,
+        sampling_rate: float,
+        integrations: IntArray | None = None,
+        left: FloatArray | None = None,
     ) -> None:
         n, n_channels = samples.shape
         self.duration = n / sampling_rate
@@ -80,36 +93,47 @@ class WindowSpectrum:
         self._lines = lines_of_channels(samples, self._scales)
         self._lines *= 1j**self._integrations
         self._lines /= n
+        self._left = np.ones(len(self._lines)) if left is None else left[: len(self._lines)]
+        self._left = np.where(self._left < LEAST_OF_A_LINE, 0.0, self._left)
+        self._lines[self._left == 0] = 0.0
 
     def band(self, low: float, high: float, n_together: int = 1) -> NarrowBand:
         """Lines from a frequency to another [Hz], so many taken together."""
         first = max(1, round(low * self.duration))
         last = min(len(self._lines) - 2, round(high * self.duration))
         n_bins = max(0, last - first + 1) // n_together
-        lines = self._lines[first : first + n_bins * n_together]
-        binned = lines.reshape(n_bins, n_together, -1)
-        return NarrowBand(
-            binned.transpose(0, 2, 1) @ binned.conj() / n_together,
+        stretch = slice(first, first + n_bins * n_together)
+        binned = self._lines[stretch].reshape(n_bins, n_together, -1)
+        return self._band_of(
+            binned.transpose(0, 2, 1) @ binned.conj(),
             first + n_together * np.arange(n_bins) + (n_together - 1) / 2,
-            np.full(n_bins, n_together),
-            self._scales,
-            self.duration,
-            self._integrations,
+            self._left[stretch].reshape(n_bins, n_together).sum(axis=1),
         )
 
     def uneven_band(self, edges: IntArray) -> NarrowBand:
         """Bins from each of some lines up to the next one, the last of them left out."""
         parts = [self._lines[one:other] for one, other in pairwise(edges.tolist())]
-        sizes = np.diff(edges)
         sums: ComplexArray = np.array([part.T @ part.conj() for part in parts])
+        left = np.add.reduceat(self._left[: edges[-1]], edges[:-1])
+        return self._band_of(sums, edges[:-1] + (np.diff(edges) - 1) / 2, left)
+
+    def _band_of(self, sums: ComplexArray, numbers: FloatArray, left: FloatArray) -> NarrowBand:
+        """Of bins with the sums of y_k y_kᴴ and what is left of their lines, those that are."""
+        there = left > 0
         return NarrowBand(
-            np.asarray(sums / sizes[:, None, None]),
-            edges[:-1] + (sizes - 1) / 2,
-            sizes,
+            np.asarray(sums[there] / left[there, None, None]),
+            numbers[there],
+            left[there],
             self._scales,
             self.duration,
             self._integrations,
         )
+
+    def is_whole(self, low: float, high: float, half_bandwidth: float) -> bool:
+        """Whether all of the power between two resonances [Hz] and beside them is left."""
+        reach = far_reach(half_bandwidth * self.duration)
+        first = max(0, int(low * self.duration - reach))
+        return bool((self._left[first : int(high * self.duration + reach) + 1] > WHOLE).all())
 
     @property
     def n_lines(self) -> int:
@@ -154,10 +178,9 @@ class WindowSpectrum:
         centre, T = frequency * self.duration, self.duration
         low, high = int(np.ceil(centre - farthest * T)), int(np.floor(centre + farthest * T))
         numbers = np.arange(max(1, low), min(len(self._lines) - 1, high) + 1)
-        lines = self._lines[numbers[np.abs(numbers - centre) >= nearest * T]]
-        if len(lines) < 1:
-            return None
-        return np.asarray((lines.T @ lines.conj()).real / len(lines))
+        chosen = numbers[np.abs(numbers - centre) >= nearest * T]
+        lines, left = self._lines[chosen], float(self._left[chosen].sum())
+        return np.asarray((lines.T @ lines.conj()).real / left) if left > 0 else None
 
 
 def peaks_and_flanks(

@@ -189,7 +189,7 @@ def _places_left(fit: WhittleFit, band: NarrowBand, width: float) -> list[tuple[
     return [(_gain(white, band.n_together, span), span) for span in spans]
 
 
-def _gain(white: ComplexArray, n_together: IntArray, span: BoolArray) -> float:
+def _gain(white: ComplexArray, n_together: FloatArray, span: BoolArray) -> float:
     """n (s − 1 − ln s) of n lines with power s in their strongest direction where 1 is expected."""
     counts = n_together[span]
     mean = np.tensordot(counts, white[span].real, axes=1) / counts.sum()

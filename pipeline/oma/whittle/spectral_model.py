@@ -216,7 +216,7 @@ def along_symmetric(matrices: FloatArray, n: int) -> FloatArray:
     return np.asarray(np.sqrt(0.5) * sizes * both)
 
 
-def information_along_symmetric(matrices: ComplexArray, counts: IntArray) -> FloatArray:
+def information_along_symmetric(matrices: ComplexArray, counts: FloatArray) -> FloatArray:
     """Σ n Re trace(E S E S') of each two.
 
     matrices   E, Hermitian, (n_bins, n, n);  counts: n of each bin

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.data_quality.coupled_harmonics import coupled_harmonics
+from pipeline.oma.data_quality.coupled_harmonics import coupled_harmonics, rotor_speed_of
+from pipeline.oma.data_quality.rotor_harmonics import without_harmonics
 from pipeline.oma.identification import identify
 from tests.benchmarks.close_modes import bending_pair
-from tests.benchmarks.harmonics import turning
+from tests.benchmarks.harmonics import figures, turning
 
 
 @pytest.mark.parametrize("ratio", [2, 3])
@@ -21,6 +22,42 @@ def test_a_wandering_speed_keeps_the_phase_of_its_harmonics(ratio: int) -> None:
     assert found.ratio == ratio
     assert found.frequency == pytest.approx(0.3, rel=0.02)
     assert found.coherence > 0.8
+
+
+@pytest.mark.parametrize(("ratio", "order"), [(2, 3), (3, 1)])
+def test_the_phase_of_harmonics_says_the_speed_of_their_rotor(ratio: int, order: int) -> None:
+    """Along it they go: of 16 times the power of the noise a hundredth of that is left."""
+    generator = np.random.default_rng(ratio)
+    rate, n = 10.0, 6000
+    passing = 0.3 * (1 + 0.01 * np.sin(2 * np.pi * np.arange(n) / rate / 150))
+    angle = 2 * np.pi * np.cumsum(passing) / rate
+    noise = 0.25 * generator.standard_normal((n, 2))
+    blades = np.sqrt(2) * (np.cos(angle) + 0.3 * np.cos(ratio * angle + 1))
+    shaking = np.outer(blades, [1.0, -1.0])
+    found = coupled_harmonics(shaking + noise, rate)
+    assert found is not None
+    speed = rotor_speed_of(found, shaking + noise, rate)
+    inner = slice(n // 20, -n // 20)
+    assert np.std((speed * order / 60 - passing)[inner]) < 0.0003
+    left = without_harmonics(shaking + noise, rate, speed).samples
+    assert np.mean((left - noise) ** 2) < 0.03 * np.mean(noise**2)
+
+
+@pytest.mark.parametrize(("noise", "pure"), [(0.5, True), (3.0, False)])
+def test_the_phase_is_the_machines_where_most_of_the_motion_is(noise: float, pure: bool) -> None:
+    rate, n = 10.0, 6000
+    angle = 2 * np.pi * 1.2 * np.arange(n) / rate
+    shaking = np.outer(np.cos(angle) + np.cos(2 * angle + 1), [1.0, -0.5])
+    random = noise * np.random.default_rng(5).standard_normal((n, 2))
+    found = coupled_harmonics(shaking + random, rate)
+    assert found is not None
+    assert found.is_pure == pure
+
+
+def test_harmonics_of_an_unknown_speed_hide_no_modes_beside_them_and_are_none() -> None:
+    found = figures(range(70_001, 70_005), known=False)
+    assert found["found"] >= 0.7
+    assert found["windows_with_harmonic"] == 0
 
 
 def test_modes_under_random_loads_are_no_harmonics() -> None:

@@ -16,9 +16,22 @@ def test_a_harmonic_of_a_wandering_speed_goes_and_the_rest_stays() -> None:
     angle = 2 * np.pi * np.cumsum(speed / 60) / RATE
     rest = generator.standard_normal((12_000, 2))
     samples = rest + np.outer(5 * (1 + 0.2 * time / 600) * np.cos(3 * angle + 0.4), [1.0, -0.5])
-    left = without_harmonics(samples, RATE, speed)
+    left = without_harmonics(samples, RATE, speed).samples
     assert np.std(left - rest) < 0.1
     assert np.std(left) == pytest.approx(np.std(rest), rel=0.02)
+
+
+def test_what_is_left_of_each_line_is_known() -> None:
+    """White noise in many channels, whose mean power at each line is what is left of it."""
+    generator = np.random.default_rng(1)
+    noise = generator.standard_normal((4000, 300))
+    speed = 6.0 * (1 + 0.01 * np.sin(2 * np.pi * np.arange(4000) / RATE / 50))
+    rest = without_harmonics(noise, RATE, speed)
+    power = (np.abs(np.fft.rfft(rest.samples, axis=0)) ** 2).mean(axis=1) / len(noise)
+    assert rest.left.min() < 0.1  # at a harmonic
+    assert rest.left[200:].min() > 0.999  # far from all
+    np.testing.assert_allclose(power, rest.left, atol=0.25)
+    assert np.mean((power - rest.left)[1:-1]) == pytest.approx(0.0, abs=0.01)
 
 
 def test_what_lies_at_a_harmonic_follows_the_rotor() -> None:

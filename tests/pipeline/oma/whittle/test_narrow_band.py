@@ -1,0 +1,41 @@
+"""Lines of which a part was taken off count as much as is left of them."""
+
+import numpy as np
+import pytest
+
+from pipeline.oma.whittle.narrow_band import WindowSpectrum
+
+RATE = 10.0
+
+
+def taken_off(share: float) -> tuple[WindowSpectrum, WindowSpectrum]:
+    """The spectrum of noise, and that of the same noise less a share of the power of lines 300 to
+    309."""
+    lines = np.fft.rfft(np.random.default_rng(2).standard_normal((6000, 2)), axis=0)
+    left = np.ones(len(lines))
+    left[300:310] = 1 - share
+    samples, less = (np.fft.irfft(each, axis=0) for each in (lines, lines * np.sqrt(left)[:, None]))
+    return WindowSpectrum(samples, RATE), WindowSpectrum(less, RATE, left=left)
+
+
+def test_the_mean_power_of_a_band_is_unbiased_and_its_lines_are_fewer() -> None:
+    whole, rest = taken_off(0.4)
+    one, other = (spectrum.band(0.45, 0.55, 5) for spectrum in (whole, rest))
+    ratio = one.powers / other.powers
+    assert ratio == pytest.approx(ratio[0, 0], rel=0.01)  # what the scale of all channels makes
+    assert other.n_lines == pytest.approx(one.n_lines - 4)
+
+
+def test_lines_of_which_hardly_anything_is_left_are_left_out() -> None:
+    whole, rest = taken_off(0.9)
+    one, other = (spectrum.band(0.45, 0.55, 5) for spectrum in (whole, rest))
+    assert len(other.numbers) == len(one.numbers) - 2
+    assert other.n_lines == one.n_lines - 10
+    edges = np.array([280, 295, 300, 310, 330])
+    assert rest.uneven_band(edges).numbers == pytest.approx([287.0, 297.0, 319.5])
+
+
+def test_a_stretch_is_whole_where_no_harmonic_is_near() -> None:
+    _, rest = taken_off(0.4)
+    assert rest.is_whole(0.4, 0.4, 0.002)
+    assert not rest.is_whole(0.49, 0.49, 0.002)
