@@ -181,9 +181,10 @@ class JointInference:
         )
 
     def with_support_of(self, alternative: Alternative) -> "JointInference":
-        """The same with only those alternatives whose tubes and water are like one's."""
-        alike = [(each, fit) for each, fit in self.fits if each.support == alternative.support]
-        return self._of(alike)
+        """The same with only those alternatives whose tubes and water are like one's, or as
+        described."""
+        likely = (alternative.support, "")
+        return self._of([(each, fit) for each, fit in self.fits if each.support in likely])
 
     def fit_of(self, name: str) -> JointFit:
         """The alternative of that name; the first where none has it."""

@@ -357,7 +357,8 @@ def _with_likely_fault(
     explains most; as it was for none.
 
     The blades' alternatives are fitted anew with each, since which was best with wrong shapes tells
-    nothing; tubes and water, of which frequencies tell, only with the fault that is taken.
+    nothing; those of tubes and water that are neither described nor likeliest without a fault only
+    with the fault that is taken.
 
     faults   names, and sizes in prior standard deviations
     """
