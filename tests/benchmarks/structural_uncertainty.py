@@ -5,7 +5,7 @@
 
 drawn     every figure from its prior, six windows
 identified  the same from time histories, by the product's identification
-weak      the same under the weak load; `single`: one window
+weak      the same under the weak load; `single`: one window; `sheared`: of tubes that shear
 level     the water level unknown (1 m)
 alone     one figure off, the others as described, ten sets each
 inside    in the priors and trusted?  `outside`: another turbine, wrong sensors, figures at 5 std
@@ -106,6 +106,8 @@ class Case:
     """Factor on the drawn figures' departures."""
     other_sign: bool = False
     """Whether k12 has the other sign than the description says."""
+    sheared: bool = False
+    """Whether its tubes deform by shear; the description's only bend."""
     identified: bool = False
     """Whether the modes come from time histories; else they are drawn."""
 
@@ -216,6 +218,7 @@ def _truth(case: Case, sign: SpringSign, rng: np.random.Generator) -> Truth:
     if case.other_sign:
         (sign,) = (each for each in SPRING_SIGNS if each != sign)
     description = case.description or (averaged(), converged())[case.seed % 2]
+    description = replace(description, shear=case.sheared)
     return Truth(theta=theta, figures=drawn, sign=sign, description=description)
 
 
@@ -271,6 +274,8 @@ def cases(part: str, first: int, sets: int | None) -> Iterator[Case]:
         yield from (Case(part, seed, loads=WEAK) for seed in seeds)
     elif part == "single":
         yield from (Case(part, seed, n_windows=1) for seed in seeds)
+    elif part == "sheared":
+        yield from (Case(part, seed, sheared=True) for seed in seeds)
     elif part == "level":
         yield from (Case(part, seed, level_std=1.0) for seed in seeds)
     elif part == "sign":

@@ -3,7 +3,9 @@
 Axes: x downwind (fore-aft), y to the side, z up from the mean sea level. Every node of monopile
 and tower has (u_x, u_y, u_z, θ_x, θ_y, θ_z), displacements [m] and right-handed rotations [rad].
 Every node of a blade has displacement and slope along the blade's two axes; axially and in twist a
-blade follows its root. Euler-Bernoulli bending, weight as geometric stiffness of the tower.
+blade follows its root. Weight is geometric stiffness of the tower. Tubes bend (Euler-Bernoulli) or
+shear too (Timoshenko): then θ is the section's rotation, v' = θ + γ the slope of the axis, and the
+shear strain γ a parabola of its own in each element, free to jump where the section does.
 """
 
 from dataclasses import dataclass
@@ -33,6 +35,9 @@ HIGHEST_FREQUENCY = 16.0  # of the modes that are computed [Hz]
 # (dof, sign) of v and v' = dv/dz in the two vertical planes: du_x/dz = θ_y, du_y/dz = −θ_x
 PLANES = (((0, 1.0), (4, 1.0)), ((1, 1.0), (3, -1.0)))
 HEAVE, TWIST = 2, 5
+SHEAR_COEFFICIENT = 2 * (1 + iea.POISSON_RATIO) / (4 + 3 * iea.POISSON_RATIO)
+"""κ of a thin round tube [-]: Cowper, "The shear coefficient in Timoshenko's beam theory", Journal
+of Applied Mechanics 33 (1966) 335-340."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +53,8 @@ class Description:
     lumped_top: tuple[float, float, float] | None = None
     """Instead of nacelle and hub: mass [kg], height of its centre above the tower's top [m],
     moment of inertia about its centre, equal about all axes [kg·m²]."""
+    shear: bool = False
+    """Whether tubes deform by shear and their sections' rotation has inertia."""
     gravity: float = iea.GRAVITY
     """[m/s²]"""
 
@@ -178,16 +185,17 @@ class Structure:
         """(n_dofs,): displacement of the tower along a direction; the same row places a force."""
         return self._row(elevation, direction, derivative=0)
 
-    def slope_row(self, elevation: float, direction: ArrayLike) -> FloatArray:
-        """(n_dofs,): slope d_x du_x/dz + d_y du_y/dz of the tower [rad]."""
+    def rotation_row(self, elevation: float, direction: ArrayLike) -> FloatArray:
+        """(n_dofs,): rotation of the tower's section towards a direction, which without shear is
+        its slope d_x du_x/dz + d_y du_y/dz [rad]."""
         return self._row(elevation, direction, derivative=1)
 
     def axis_rows(self, axis: Accelerometer) -> tuple[FloatArray, FloatArray]:
-        """Displacement and slope rows of a DC accelerometer's axis."""
+        """Displacement and rotation rows of a DC accelerometer's axis."""
         if axis.coupling != "dc":
             raise ValueError(f"channel {axis.name}: coupling is {axis.coupling}, not dc")
         place = (axis.elevation, axis.direction)
-        return self.displacement_row(*place), self.slope_row(*place)
+        return self.displacement_row(*place), self.rotation_row(*place)
 
     def blade_row(self, blade: int, distance: float, direction: ArrayLike) -> FloatArray:
         """(n_dofs,): displacement of a blade at a distance from its root along (x, y, z)."""
@@ -211,13 +219,12 @@ class Structure:
         if not cans[0].bottom <= elevation <= cans[-1].top:
             raise ValueError(f"elevation {elevation:g} m is not on the tower")
         index = next(i for i, can in enumerate(cans) if elevation <= can.top)
-        shapes = quintic(
-            np.array([elevation]), cans[index].bottom, cans[index].top, derivative=derivative
-        )[0]
+        at = (np.array([elevation]), cans[index].bottom, cans[index].top)
         row = np.zeros(len(self.mass))
-        for share, plane in zip(np.asarray(direction)[:2], PLANES, strict=True):
-            dofs, signs = _bending_dofs(index, plane)
-            row[dofs] += share * signs * shapes
+        for share, plane in zip(np.asarray(direction)[:2], range(len(PLANES)), strict=True):
+            dofs, axis, strain = _bending(self, index, plane)
+            shapes = quintic(*at, derivative=derivative)[0] @ axis
+            row[dofs] += share * (shapes - derivative * quadratic(*at)[0] @ strain)
         return row
 
 
@@ -243,7 +250,7 @@ def assemble(figures: Figures | None = None, description: Description | None = N
     """Assemble mass and stiffness of a turbine with these figures."""
     figures, described = figures or Figures(), description or averaged()
     n_blade = N_BLADES * 8 * len(described.blade)
-    size = 6 * (2 * len(described.cans) + 1) + n_blade
+    size = 6 * (2 * len(described.cans) + 1) + n_blade + 6 * len(described.cans) * described.shear
     structure = Structure(described, figures, np.zeros((size, size)), np.zeros((size, size)))
     carried = _add_top(structure)
     for index in reversed(range(len(described.cans))):
@@ -258,11 +265,21 @@ def rigid_motion(arm: ArrayLike) -> FloatArray:
     return np.hstack([np.eye(3), cross])
 
 
-def _bending_dofs(index: int, plane: tuple[tuple[int, float], ...]) -> tuple[IntArray, FloatArray]:
-    """Degrees of freedom (v, v') of an element's three nodes and their signs, (6,) each."""
+def _bending(
+    structure: Structure, index: int, plane: int
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Degrees of freedom (n,) of an element's bending in one plane; of these, the axis' (v, v'),
+    (6, n), and the shear strain γ, (3, n), at its start, middle and end."""
+    (v, positive), (slope, turn) = PLANES[plane]
     starts = 6 * (2 * index + np.arange(3, dtype=np.intp))
-    dofs = (starts[:, None] + np.array([dof for dof, _ in plane], dtype=np.intp)).ravel()
-    return dofs, np.tile([sign for _, sign in plane], 3)
+    dofs = (starts[:, None] + np.array([v, slope], dtype=np.intp)).ravel()
+    axis, strain = np.diag([positive, turn] * 3), np.zeros((3, 6))
+    if structure.description.shear:  # after all others, three to an element and plane
+        first = len(structure.mass) - 6 * (len(structure.description.cans) - index) + 3 * plane
+        dofs = np.concatenate([dofs, first + np.arange(3, dtype=np.intp)])
+        strain = np.eye(3, 9, 6)
+        axis = np.hstack([axis, np.kron(np.eye(3), [[0.0], [1.0]])])
+    return dofs, axis, strain
 
 
 def _add_can(structure: Structure, index: int, carried: float) -> float:
@@ -284,16 +301,22 @@ def _add_can(structure: Structure, index: int, carried: float) -> float:
     modulus = iea.YOUNGS_MODULUS * figures.youngs_modulus
     above = carried + _mass_above(can, figures, z)
     shapes, slopes, bends = (quintic(z, can.bottom, can.top, order) for order in range(3))
-    bending_mass = weighted(shapes, weights * (steel + _moving_water(figures, diameter, wall, z)))
-    weight = structure.description.gravity * above
-    bending = weighted(bends, weights * modulus * second) - weighted(slopes, weights * weight)
-    for plane in PLANES:
-        dofs, signs = _bending_dofs(index, plane)
-        turned = np.outer(signs, signs)
-        structure.mass[np.ix_(dofs, dofs)] += turned * bending_mass
-        structure.stiffness[np.ix_(dofs, dofs)] += turned * bending
     lengths, strains = (quadratic(z, can.bottom, can.top, order) for order in range(2))
     shear_modulus = modulus / (2 * (1 + iea.POISSON_RATIO))
+    moving = steel + _moving_water(figures, diameter, wall, z)
+    weight = structure.description.gravity * above
+    for plane in range(len(PLANES)):
+        dofs, axis, strain = _bending(structure, index, plane)
+        where, sheared = np.ix_(dofs, dofs), lengths @ strain
+        structure.mass[where] += weighted(shapes @ axis, weights * moving)
+        structure.stiffness[where] += weighted(
+            bends @ axis - strains @ strain, weights * modulus * second
+        ) - weighted(slopes @ axis, weights * weight)
+        if structure.description.shear:
+            rotary = weights * steel / area * second
+            structure.mass[where] += weighted(slopes @ axis - sheared, rotary)
+            resisting = weights * SHEAR_COEFFICIENT * shear_modulus * area
+            structure.stiffness[where] += weighted(sheared, resisting)
     for dof, inertia, rigidity in (
         (HEAVE, steel, modulus * area),
         (TWIST, steel / area * 2 * second, shear_modulus * 2 * second),

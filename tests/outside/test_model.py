@@ -18,6 +18,7 @@ from tests.outside.model import (
     Description,
     SpringSign,
     assemble,
+    averaged,
     converged,
     detailed,
     modes,
@@ -61,6 +62,22 @@ def test_a_clamped_uniform_mast_has_the_cantilever_frequencies() -> None:
     omega = roots**2 * np.sqrt(RIGIDITY / (DENSITY * AREA * LENGTH**4))
     found = plane_frequencies(uniform_mast())
     assert found[: len(roots)] == pytest.approx(omega / (2 * np.pi), rel=1e-5)
+
+
+def test_a_short_mast_that_shears_yields_to_a_top_load_as_timoshenko_says() -> None:
+    """P L³ / 3EI + P L / κGA, and its section stays square to no slope: ψ = P L² / 2EI."""
+    mast = assemble(description=replace(uniform_mast(), shear=True))
+    top, size = mast.node_starts[-1], len(mast.mass)
+    held = [*range(6), *range(2, top + 6, 6), *range(5, top + 6, 6)]  # foot; heave and twist
+    free = np.setdiff1d(np.arange(size), held)
+    load = np.zeros(size)
+    load[top] = 1.0
+    moved = np.zeros(size)
+    moved[free] = np.linalg.solve(mast.stiffness[np.ix_(free, free)], load[free])
+    sheared = LENGTH / (model.SHEAR_COEFFICIENT * 210e9 / 2.6 * AREA)
+    assert moved[top] == pytest.approx(LENGTH**3 / (3 * RIGIDITY) + sheared, rel=1e-9)
+    rotation = mast.rotation_row(LENGTH, (1.0, 0.0, 0.0)) @ moved
+    assert rotation == pytest.approx(LENGTH**2 / (2 * RIGIDITY), rel=1e-9)
 
 
 def test_a_column_buckles_under_eulers_load_on_its_top() -> None:
@@ -171,6 +188,18 @@ def test_nominal_figures_give_the_shipped_descriptions_modes(sign: SpringSign) -
     products = np.sum(readings * shipped.shapes, axis=1) ** 2
     norms = (readings**2).sum(axis=1) * (shipped.shapes**2).sum(axis=1)
     assert (products / norms).min() > 0.995
+
+
+def test_tubes_that_shear_have_the_products_modes() -> None:
+    described = load_turbine("iea15mw_monopile").with_shear(True).refined(3)
+    shipped = full_modes(described, LAYOUT, NOMINAL, highest_frequency=12.5)
+    found = modes(description=replace(averaged(), shear=True))
+    count = len(shipped.frequencies)
+    difference = np.abs(found.frequencies[:count] / shipped.frequencies - 1)
+    assert difference[shipped.frequencies < 1.3].max() < 3e-5
+    assert difference.max() < 1e-3
+    bent = modes().frequencies[:count] / shipped.frequencies - 1
+    assert bent.max() > 0.05
 
 
 def test_more_elements_change_no_frequency() -> None:
