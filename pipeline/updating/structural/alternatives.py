@@ -1,7 +1,8 @@
 """Discrete alternatives of the structure, each fitted by itself and weighed by the evidence.
 
-A monopile is flooded or not; blades behave as the description's reduced ones or as converged ones.
-Between such structures no figure leads from one to the other, so each is a model of its own:
+A monopile is flooded or not; its tubes shear or only bend; blades behave as the description's
+reduced ones or as converged ones. Between such structures no figure leads from one to the other, so
+each is a model of its own:
 
     p(u | d) = Σ_a p(a | d) p(u | d, a),   p(a | d) ∝ p(a) |H_a|^(−1/2) exp(−cost_a / 2)
 
@@ -186,6 +187,15 @@ class JointInference:
         likely = (alternative.support, "")
         return self._of([(each, fit) for each, fit in self.fits if each.support in likely])
 
+    @property
+    def _unlike_fits(self) -> list[tuple[Alternative, JointFit]]:
+        """One of each tubes and water: a description that is off by percents cannot tell blades
+        whose frequencies differ by three tenths of one."""
+        first: dict[str, tuple[Alternative, JointFit]] = {}
+        for each, fit in self.fits:
+            first.setdefault(each.support, (each, fit))
+        return list(first.values())
+
     def fit_of(self, name: str) -> JointFit:
         """The alternative of that name; the first where none has it."""
         return next((fit for each, fit in self.fits if each.name == name), self.fits[0][1])
@@ -207,7 +217,7 @@ class JointInference:
         found = []
         fits = [
             (each, fit.with_level_std(level_std).with_tolerance(tolerance))
-            for each, fit in self.fits
+            for each, fit in (self._unlike_fits if tolerance > FINEST_TOLERANCE else self.fits)
         ]
         peaks, lost = self._peaks(evidence, fits, starts or {})
         for alternative, fit, peak in peaks:

@@ -28,7 +28,7 @@ from tests.benchmarks import structural_uncertainty
 from tests.outside.figures import Figures, draw
 from tests.outside.instruments import SensorFault, instruments
 from tests.outside.modal_data import LAYOUT, Truth, estimates
-from tests.outside.model import NOMINAL, converged, detailed
+from tests.outside.model import NOMINAL, averaged, converged, detailed
 
 TURBINE = load_turbine("iea15mw_monopile")
 SETTINGS = UpdatingSettings(structure=UNCERTAIN)
@@ -86,16 +86,18 @@ def test_springs_of_the_other_sign_are_named(inference: JointInference) -> None:
     assert found.other_sign > 0.99
 
 
-def test_tubes_that_do_not_shear_are_recognised() -> None:
-    """The outside simulator's tubes only bend; here they are described with shear."""
-    inference = joint_inference(TURBINE.with_shear(True), LAYOUT, SETTINGS, seed=1)
+@pytest.mark.parametrize("sheared", [False, True], ids=["only bend", "shear"])
+def test_whether_tubes_shear_is_recognised(sheared: bool) -> None:
+    """They are described as what they are not."""
+    inference = joint_inference(TURBINE.with_shear(not sheared), LAYOUT, SETTINGS, seed=1)
     assert inference is not None
     truth = truth_of(5)
+    truth = replace(truth, description=replace(truth.description or averaged(), shear=sheared))
     found = refreshed(inference, truth, 5)
-    assert "tubes without shear" in found.best.alternative.name
-    assert sum(
-        each.weight for each in found.result.fitted if "without" in each.alternative.name
-    ) > (0.999)
+    name = f"tubes with{'' if sheared else 'out'} shear"
+    assert name in found.best.alternative.name
+    right = [each.weight for each in found.result.fitted if name in each.alternative.name]
+    assert sum(right) > 0.999
     draws = np.log(found.draws[:, :3] * NOMINAL)
     assert np.abs((draws.mean(axis=0) - np.log(truth.theta)) / draws.std(axis=0)).max() < 3
 
@@ -373,9 +375,10 @@ def test_the_errors_of_a_description_that_does_not_hold_cancel_too(
 def test_a_rough_description_gives_a_wide_interval_and_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Every frequency off by up to a percent and more, as by no figure: an answer, no refusal, and
-    no second search for a sensor's fault before there is a quarter more to judge by."""
-    one = replace(UNCERTAIN, stds=(("flooding", 0.0), ("blade_model", 0.0), ("tube_shear", 0.0)))
+    """Every frequency off by up to a percent and more, as by no figure: an answer, no refusal,
+    blades of one mesh, and no second search for a sensor's fault before there is a quarter more to
+    judge by."""
+    one = replace(UNCERTAIN, stds=(("flooding", 0.0), ("tube_shear", 0.0)))
     inference = joint_inference(TURBINE, LAYOUT, replace(SETTINGS, structure=one), seed=1)
     assert inference is not None
     truth, rng = truth_of(9), np.random.default_rng(9)
@@ -392,6 +395,7 @@ def test_a_rough_description_gives_a_wide_interval_and_says_so(
     assert found is not None
     assert found.refusal is None
     assert found.best.fit.is_rough
+    assert len(found.result.fitted) == 1
     assert found.fault is None
     codes = [each.code for each in distrust(found, SETTINGS.guards)]
     assert "description-off" in codes
