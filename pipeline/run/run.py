@@ -37,8 +37,9 @@ from pipeline.run.options import SessionOptions
 from pipeline.run.ownership import Ownership, epoch_of, owned
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
 from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
+from pipeline.runtime.lock_step import run_lock_step
 from pipeline.runtime.node_thread import NodeThread, open_session, serve
-from pipeline.runtime.runner import run_lock_step, run_workers
+from pipeline.runtime.runner import run_workers
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.runtime.source_feed import BlockReport, Worker

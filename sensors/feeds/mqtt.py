@@ -21,8 +21,8 @@ from hashlib import sha256
 from importlib import import_module
 from typing import Any, Protocol
 
+from sensors.bounded_dict import BoundedDict
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.lru import LruCache
 from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
 from sensors.feeds.payloads.frame import FRAME_MAGIC
 from sensors.feeds.payloads.frame_reader import FrameReader
@@ -256,12 +256,12 @@ class ScadaMessages:
 
     def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
         self._reader, self._counts = reader, counts
-        self._times: LruCache[RisingTimes] = LruCache()  # by topic
+        self._times: BoundedDict[str, RisingTimes] = BoundedDict()  # by topic
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
         """Yield the samples that one message brings."""
         self._counts.received += 1
-        times = self._times.get(topic)
+        times = self._times.renewed(topic)
         if times is None:
             times = RisingTimes(self._counts)
             self._times.put(topic, times)
