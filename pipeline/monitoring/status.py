@@ -21,7 +21,7 @@ from sensors.json_values import Json, fields_of, known, with_nulls
 API = 1  # of the answer: a field may come, none goes or changes its meaning under one number
 STATUS_KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @
 ENDPOINT_FILE = "endpoint"  # in a session's folder while it runs
-GAPS_TOLD = 20
+GAPS_LISTED = 20
 
 
 class StatusNode(StateSink):
@@ -36,7 +36,7 @@ class StatusNode(StateSink):
     def __init__(self, source: str, clock: Callable[[], int] = time.time_ns) -> None:
         self.connections: Callable[[], Json] = dict  # → certificate's name or address → links
         self._source = source
-        super().__init__(GAPS_TOLD, clock)
+        super().__init__(GAPS_LISTED, clock)
 
     def as_json(self) -> Json:
         """Return everything known now; names are stable."""
@@ -57,7 +57,7 @@ def status_figures(run: RunState, now_ns: int) -> Json:
         "time_ns": now_ns,
         "nodes": [_node(run, each) for each in run.health.nodes(now_ns)],
         "streams": [_stream(each) for each in run.health.streams(now_ns)],
-        "gaps": [_gap(each) for each in gaps[-GAPS_TOLD:]],
+        "gaps": [_gap(each) for each in gaps[-GAPS_LISTED:]],
         "books": run.books.as_json(),
         "posteriors": [_posterior(each.posterior) for each in turbines if each.posterior],
     }

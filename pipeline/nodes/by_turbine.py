@@ -160,5 +160,6 @@ class LimitedMembers:
 def too_many(limit: str, gone: int) -> QualityWarning:
     """Warn that members had to be let go, and how often."""
     return QualityWarning(
-        "too-many-turbines", f"more than {limit}: {gone} times the least heard one was let go"
+        "too-many-turbines",
+        f"more than {limit}: {gone} times the one with fewest messages went",
     )

@@ -275,7 +275,7 @@ def paired_blind(
 
 
 def _no_report(share: float) -> None:
-    """Nobody watches."""
+    """Report nothing."""
 
 
 def _modes(

@@ -145,7 +145,7 @@ class _Run:
         if options.way != "lock-step":
             return self._run_on_bus(graph, sinks, count)
         if source.is_live:
-            raise InputError("--lock-step cannot run a live source: it waits for nobody")
+            raise InputError("--lock-step cannot run a live source, which does not wait")
         nodes = [*(plan.make() for plan in graph), *sinks]
         messages = source.messages(options.speed, self.stopping)
         return run_lock_step(messages, nodes, turbine=source.layout.turbine, report=count)

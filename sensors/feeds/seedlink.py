@@ -363,7 +363,7 @@ async def _connection(
             asyncio.open_connection(host, port, ssl=tls), ANSWER
         )
     except TimeoutError as error:
-        raise LinkError(f"nobody answers within {ANSWER:g} s") from error
+        raise LinkError(f"no answer within {ANSWER:g} s") from error
     except OSError as error:
         raise LinkError(_reason(error)) from error
     try:

@@ -179,7 +179,7 @@ class AlarmRules:
         for node in self._run.health.nodes(now_ns):
             status = node.status
             lost = node.condition == "late" and node.silence > LOST_AFTER
-            text = f"node {status.node} has not been heard of for {_duration_text(node.silence)}"
+            text = f"node {status.node} has sent no status for {_duration_text(node.silence)}"
             yield _state(f"{status.turbine}/node/{status.node}", "node", status.turbine, text, lost)
 
 
