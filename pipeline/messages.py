@@ -380,6 +380,11 @@ class StreamGap:
     first_sequence: int  # of the missing blocks
     n_blocks: int
 
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return (self.end_ns - self.start_ns) / NANOSECONDS
+
 
 @dataclass(frozen=True, slots=True)
 class StreamEnd:

@@ -14,7 +14,6 @@ from pipeline.monitoring.state_sink import StateSink
 from pipeline.state.health import NodeHealth, StreamHealth
 from pipeline.state.posterior_json import posterior_summary
 from pipeline.state.run_state import RunState
-from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 from sensors.json_values import Json, fields_of, known, with_nulls
 
@@ -91,7 +90,7 @@ def _stream(health: StreamHealth) -> Json:
 
 def _gap(gap: StreamGap) -> Json:
     return fields_of(gap, "turbine", "unit", "start_ns") | {
-        "duration_s": (gap.end_ns - gap.start_ns) / NANOSECONDS,
+        "duration_s": gap.duration,
         "blocks": gap.n_blocks,
     }
 

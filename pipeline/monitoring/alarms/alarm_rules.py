@@ -118,11 +118,10 @@ class AlarmRules:
         self._books_keys = {key: alarm.turbine for key, alarm in found.items()}
 
     def _gap(self, gap: StreamGap) -> Iterator[AlarmCondition]:
-        seconds = (gap.end_ns - gap.start_ns) / NANOSECONDS
-        if seconds < self._settings.shortest_gap:
+        if gap.duration < self._settings.shortest_gap:
             return
         begin = moment_text(gap.start_ns)
-        length = _duration_text(seconds)
+        length = _duration_text(gap.duration)
         text = f"{length} of measurements of unit {gap.unit} are missing, from {begin} on"
         key = f"{gap.turbine}/gap/{gap.unit}"
         yield AlarmCondition(key, "gap", gap.turbine, text)
