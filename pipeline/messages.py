@@ -380,6 +380,11 @@ class StreamGap:
     first_sequence: int  # of the missing blocks
     n_blocks: int
 
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return (self.end_ns - self.start_ns) / NANOSECONDS
+
 
 @dataclass(frozen=True, slots=True)
 class StreamEnd:
@@ -460,6 +465,16 @@ class NodeStatus:
     recovered: int = 0  # blocks that came when their link was back, from where they were kept
     recorded: int = 0  # of a recorder: blocks in its recording, those of its earlier parts too
     refused: tuple[MessageCount, ...] = ()  # blocks that were not used, by the reason's code
+
+    @property
+    def has_blocks(self) -> bool:
+        """Whether the node has taken a block, or reports that blocks were lost on the way to it."""
+        name = AccelerationBlock.__name__
+        return self.lost > 0 or any(each.message == name and each.count for each in self.received)
+
+    def is_of(self, kind: str) -> bool:
+        """Whether the node has that name, or is a share of one that has: "updating-1-of-2"."""
+        return self.node == kind or self.node.startswith(f"{kind}-")
 
 
 Message = (

@@ -19,8 +19,7 @@ from types import FrameType
 from typing import Any
 
 from pipeline.app import Outputs, build
-from pipeline.nodes.statistics import NodeAccount
-from pipeline.runtime.runner import _dispatch
+from pipeline.runtime.lock_step import NodeAccount, _dispatch
 from pipeline.runtime.source_feed import with_end
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock

@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_info
 from pipeline.app import Outputs, build
 from pipeline.messages import FoundationPosterior, Message, ModalEstimate, NodeStatus
 from pipeline.nodes.node import NodeStatistics
-from pipeline.runtime import runner
+from pipeline.runtime.lock_step import run_lock_step
 from pipeline.scenario import load_scenario
 from pipeline.sources.sources import Source, replayed, simulated
 from pipeline.streams import STREAMS
@@ -110,7 +110,7 @@ def run(source: Source) -> dict[str, Any]:
     """A lock-step run without recording and pictures; what its messages were."""
     witness = Witness()
     nodes = [plan.make() for plan in build(source.scenario, source.layout, Outputs())]
-    runner.run_lock_step(source.messages(), [*nodes, witness], turbine=source.layout.turbine)
+    run_lock_step(source.messages(), [*nodes, witness], turbine=source.layout.turbine)
     return witness.record
 
 

@@ -19,6 +19,7 @@ from typing import Any
 from pipeline.archive.work import Call, Failed, Outcome, Workers, attempted
 from sensors.constants import LOOPBACK
 from sensors.errors import InputError
+from sensors.extras import import_extra
 
 logger = logging.getLogger(__name__)
 
@@ -262,13 +263,7 @@ def _opened(connect: Callable[[], Any], address: str) -> Iterator[Any]:
 
 def _require_dask() -> None:
     """Dask, loaded so that it speaks of nothing but errors; of a scheduler that has gone we do."""
-    try:
-        import dask
-
-        dask.config.set({"logging": {"distributed": "error", "distributed.client": "critical"}})
-        import distributed  # noqa: F401
-    except ImportError:
-        raise InputError(
-            "processes and clusters need the extra `cluster`: pip install 'pilewatch[cluster]'; "
-            "--serial goes without"
-        ) from None
+    purpose = "processes and clusters (--serial goes without)"
+    dask = import_extra("dask", "cluster", purpose)
+    dask.config.set({"logging": {"distributed": "error", "distributed.client": "critical"}})
+    import_extra("distributed", "cluster", purpose)

@@ -31,6 +31,7 @@ from pipeline.updating.structural.inference import joint_inference
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import one_blas_thread
+from sensors.bounded_dict import BoundedDict
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import TurbineDescription
 
@@ -123,15 +124,13 @@ def anchored(call: StretchCall) -> tuple[StoredFrame, ...]:
     return (*frames_of(answers), (STATE_FRAME, updater.saved(state)))
 
 
-_made: dict[str, FoundationUpdater] = {}  # of this process, by the key of their plan
+_made = BoundedDict[str, FoundationUpdater](UPDATERS_KEPT)  # of this process, by the plan's key
 
 
 def _updater(plan: UpdatingPlan) -> FoundationUpdater:
     """Return the plan's updater; each process makes it once and keeps the last few."""
     key = plan.key
     if key not in _made:
-        while len(_made) >= UPDATERS_KEPT:
-            _made.pop(next(iter(_made)))
         _made[key] = plan.made()
     return _made[key]
 

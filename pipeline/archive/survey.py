@@ -28,7 +28,7 @@ from pipeline.archive.access.remote import (
 )
 from pipeline.archive.store import packed, unpacked
 from pipeline.messages import StreamGap
-from pipeline.recording.file_order import Stretch
+from pipeline.recording.file_order import Stretch, stretch_of
 from pipeline.recording.info import RecordingInfo, UnitInfo, salvageable_info
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
@@ -43,27 +43,13 @@ UNSAVED = 500  # surveys, or a tenth of all, that an interruption may cost
 HASHED_AT_ONCE = 2**20  # that is read of a file at a time for its fingerprint [bytes]
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part(UnitInfo):
     """One session of one unit within one file."""
 
     path: Path
-    fingerprint: str  # of the whole file
-    turbine: str
-    unit: str
-    session: str
-    layout_id: str
-    sampling_rate: float  # [Hz]
-    n_channels: int
-    first_sample: int  # since the session's start
-    next_sample: int  # one after the last
-    first_sequence: int  # of the blocks
-    last_sequence: int
-    start_ns: int  # of the first sample
-    end_ns: int  # one sample after the last
-    gaps: tuple[StreamGap, ...] = ()
-    missing: tuple[tuple[int, int], ...] = ()  # samples that each gap lacks: first, one after last
-    in_order: bool = True  # whether blocks were recorded in the order of their numbers
+    fingerprint: str
+    """Of the whole file."""
 
     @property
     def n_samples(self) -> int:
@@ -73,15 +59,7 @@ class Part:
     @property
     def stretch(self) -> Stretch:
         """Where it lies in its session."""
-        return Stretch(
-            self.path,
-            (self.turbine, self.unit),
-            self.session,
-            self.sampling_rate,
-            self.first_sample,
-            self.next_sample,
-            self.start_ns,
-        )
+        return stretch_of(self.path, self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,25 +128,8 @@ def fingerprint_of(path: Path) -> str:
 
 
 def _part(info: RecordingInfo, unit: UnitInfo, fingerprint: str) -> Part:
-    return Part(
-        path=info.path,
-        fingerprint=fingerprint,
-        turbine=unit.turbine,
-        unit=unit.unit,
-        session=unit.session,
-        layout_id=unit.layout_id,
-        sampling_rate=unit.sampling_rate,
-        n_channels=unit.n_channels,
-        first_sample=unit.first_sample,
-        next_sample=unit.next_sample,
-        first_sequence=unit.first_sequence,
-        last_sequence=unit.last_sequence,
-        start_ns=unit.start_ns,
-        end_ns=unit.end_ns,
-        gaps=unit.gaps,
-        missing=unit.missing,
-        in_order=unit.in_order,
-    )
+    known = {field.name: getattr(unit, field.name) for field in fields(unit)}
+    return Part(**known, path=info.path, fingerprint=fingerprint)
 
 
 def without_copies(surveys: Sequence[FileSurvey]) -> tuple[list[FileSurvey], list[FileSurvey]]:
@@ -296,8 +257,6 @@ def _part_of(path: Path, fingerprint: str, kept: list[Any]) -> Part:
     *values, gaps = kept
     content = dict(zip(_KEPT_FIELDS, values, strict=True))
     content["missing"] = tuple((first, end) for first, end in content["missing"])
-    part = Part(path=path, fingerprint=fingerprint, **content)
-    if not gaps:
-        return part
-    own = tuple(StreamGap(part.turbine, part.unit, part.session, *gap) for gap in gaps)
-    return replace(part, gaps=own)
+    session = (content["turbine"], content["unit"], content["session"])
+    own = tuple(StreamGap(*session, *gap) for gap in gaps)
+    return Part(**content, gaps=own, path=path, fingerprint=fingerprint)

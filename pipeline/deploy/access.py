@@ -24,8 +24,8 @@ from sensors.errors import InputError
 from sensors.json_values import Json
 
 SHORE = "shore"
-SAYS = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
-HEARS = ["declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"]
+SENDS = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
+RECEIVES = ["declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"]
 PUBLISHED = ("acceleration", "layout", "gap", "end")  # by a unit, on keys of its own
 ACKNOWLEDGED = "recorded"  # by the shore, on a unit's keys
 COMPUTED = (
@@ -84,12 +84,15 @@ def access_control(
 ) -> Json:
     """Return the `access_control` section of the shore station's configuration."""
     policies = [
-        (_publishing(each.name, each.keys) + _hearing(each.name, each.acknowledged), each.name)
+        (
+            _publishing(each.name, each.keys) + _acknowledged(each.name, each.acknowledged),
+            each.name,
+        )
         for each in units
     ]
     policies += [(_publishing(each, _computed_keys()) + _reading(each), each) for each in nodes]
     policies += [(_reading(each), each) for each in viewers]
-    own = _rule("own", SAYS + HEARS, ["ingress", "egress"], ["**", *EVERY_KEY])
+    own = _rule("own", SENDS + RECEIVES, ["ingress", "egress"], ["**", *EVERY_KEY])
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -107,8 +110,8 @@ def access_control(
 def _publishing(name: str, keys: list[str]) -> list[Json]:
     """Let a machine's messages in, and others' requests out to it."""
     return [
-        _rule(f"{name} says", SAYS, ["ingress"], keys),
-        _rule(f"{name} is asked", HEARS, ["egress"], EVERY_KEY),
+        _rule(f"{name} publishes", SENDS, ["ingress"], keys),
+        _rule(f"{name} is asked", RECEIVES, ["egress"], EVERY_KEY),
     ]
 
 
@@ -116,9 +119,9 @@ def _reading(name: str) -> list[Json]:
     """Let a machine's requests in and others' messages out to it, except what is recorded."""
     to_all = _with_caches([f"pilewatch/*/*/{ACKNOWLEDGED}"])
     return [
-        _rule(f"{name} is told", SAYS, ["egress"], EVERY_KEY),
-        _rule(f"{name} asks", HEARS, ["ingress"], EVERY_KEY),
-        *_hearing(name, to_all, "deny"),
+        _rule(f"{name} receives", SENDS, ["egress"], EVERY_KEY),
+        _rule(f"{name} asks", RECEIVES, ["ingress"], EVERY_KEY),
+        *_acknowledged(name, to_all, "deny"),
     ]
 
 
@@ -127,12 +130,12 @@ def _computed_keys() -> list[str]:
     return _with_caches([f"pilewatch/*/{kind}" for kind in COMPUTED])
 
 
-def _hearing(name: str, keys: list[str], permission: str = "allow") -> list[Json]:
+def _acknowledged(name: str, keys: list[str], permission: str = "allow") -> list[Json]:
     """That a machine may, or may not, read keys on which others publish. What is denied outweighs
     what is allowed."""
     return [
-        _rule(f"{name} is acknowledged", SAYS, ["egress"], keys) | {"permission": permission},
-        _rule(f"{name} asks what is recorded", HEARS, ["ingress"], keys)
+        _rule(f"{name} is acknowledged", SENDS, ["egress"], keys) | {"permission": permission},
+        _rule(f"{name} asks what is recorded", RECEIVES, ["ingress"], keys)
         | {"permission": permission},
     ]
 
@@ -166,7 +169,7 @@ def write_configurations(
     written = [_written(folder, SHORE, "the shore station: routes, and lets in who may", shore)]
     clients = {unit.name: "a unit on its tower" for unit in units}
     clients |= dict.fromkeys(nodes, "nodes of identification and updating")
-    clients |= dict.fromkeys(viewers, "hears everything, says nothing")
+    clients |= dict.fromkeys(viewers, "receives everything, sends nothing")
     for name, comment in clients.items():
         client = _session("client", folder, name) | {"connect": {"endpoints": [endpoint]}}
         written.append(_written(folder, name, comment, client))

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sensors.errors import InputError
+from sensors.extras import import_extra
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -60,7 +61,7 @@ def make_certificates(folder: Path, names: Sequence[str], *, host: str) -> list[
     Returns the names that are new. Raises CertificateError: cryptography is missing, or a file
     cannot be read or written.
     """
-    _require_cryptography()
+    import_extra("cryptography", "security", "certificates", CertificateError)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         authority, authority_key, new = _authority(folder)
@@ -79,15 +80,6 @@ def make_certificates(folder: Path, names: Sequence[str], *, host: str) -> list[
             "written is needed"
         ) from error
     return made
-
-
-def _require_cryptography() -> None:
-    try:
-        import cryptography  # noqa: F401
-    except ImportError as error:
-        raise CertificateError(
-            "certificates need the package cryptography; install pilewatch[security]"
-        ) from error
 
 
 def _authority(folder: Path) -> tuple["x509.Certificate", "EllipticCurvePrivateKey", bool]:

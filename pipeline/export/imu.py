@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from pipeline.export.export import Exported, recorded_samples
 from pipeline.export.samples import sample_times
+from pipeline.export.table_file import new_file
 from pipeline.sources.session_files import session_files
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -112,13 +113,7 @@ class ImuFile:
         self.count = 0  # messages written
         self._path = path
         self._topics: dict[str, int] = {}
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("xb")
-        except FileExistsError:
-            raise InputError(f"{path} exists already; name another folder with -o") from None
-        except OSError as error:
-            raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+        self._file = new_file(path)
         self._writer = Writer(self._file)
         self._writer.start(profile=Profile.ROS2, library=f"pilewatch ({LIBRARY_IDENTIFIER})")
         self._schema = self._writer.register_schema(

@@ -22,7 +22,6 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.updating.prior import PARAMETER_NAMES, PARAMETER_UNITS
-from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 
 Row = tuple[Any, ...]
@@ -120,9 +119,8 @@ def _rejected(rejected: WindowRejected) -> Iterator[Row]:
 
 
 def _gaps(gap: StreamGap) -> Iterator[Row]:
-    seconds = (gap.end_ns - gap.start_ns) / NANOSECONDS
     yield (
-        gap.turbine, gap.unit, gap.session, gap.start_ns, gap.end_ns, seconds,
+        gap.turbine, gap.unit, gap.session, gap.start_ns, gap.end_ns, gap.duration,
         gap.first_sequence, gap.n_blocks,
     )  # fmt: skip
 

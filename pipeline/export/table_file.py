@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, BinaryIO, Literal
 
 import pyarrow as pa
 from pyarrow import csv, parquet
@@ -38,12 +38,7 @@ class TableFile:
         self._held: list[pa.Table] = []
         self._held_rows: list[Sequence[Any]] = []  # not yet a table
         self._n_held = 0
-        try:
-            self._file = path.open("xb")
-        except FileExistsError:
-            raise InputError(f"{path} exists already; name another folder with -o") from None
-        except OSError as error:
-            raise InputError(f"cannot write {path}: {error.strerror or error}") from error
+        self._file = new_file(path)
         self._is_text = form == "csv"
         self._writer: Any = (
             csv.CSVWriter(self._file, pa.schema([_harmless_field(each) for each in schema]))
@@ -111,3 +106,14 @@ def _harmless(table: pa.Table) -> pa.Table:
     ]
     names = [_harmless_text(name) for name in table.column_names]
     return pa.Table.from_arrays(columns, names=names)
+
+
+def new_file(path: Path) -> BinaryIO:
+    """Open a file that does not exist yet; its folder is made. Raises InputError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("xb")
+    except FileExistsError:
+        raise InputError(f"{path} exists already; name another folder with -o") from None
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error

@@ -19,6 +19,7 @@ from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.constants import LOOPBACK
 from sensors.errors import InputError
+from sensors.extras import import_extra
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
@@ -234,7 +235,7 @@ def served(node: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[in
 
     Raises InputError where the port is taken or the extra `metrics` is missing.
     """
-    require_prometheus()
+    import_extra("prometheus_client", "metrics", "figures for Prometheus")
     from prometheus_client import CollectorRegistry, start_http_server
 
     if not 0 <= port <= LAST_PORT:
@@ -254,13 +255,3 @@ def served(node: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[in
         server.shutdown()
         server.server_close()
         thread.join()
-
-
-def require_prometheus() -> None:
-    """Raises InputError where the client library is missing."""
-    try:
-        import prometheus_client  # noqa: F401
-    except ImportError:
-        raise InputError(
-            "figures for Prometheus need the extra `metrics`: pip install 'pilewatch[metrics]'"
-        ) from None

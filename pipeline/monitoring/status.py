@@ -14,14 +14,13 @@ from pipeline.monitoring.state_sink import StateSink
 from pipeline.state.health import NodeHealth, StreamHealth
 from pipeline.state.posterior_json import posterior_summary
 from pipeline.state.run_state import RunState
-from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 from sensors.json_values import Json, fields_of, known, with_nulls
 
 API = 1  # of the answer: a field may come, none goes or changes its meaning under one number
 STATUS_KEY = "pilewatch/@status"  # no stream's key expression matches what begins with @
 ENDPOINT_FILE = "endpoint"  # in a session's folder while it runs
-GAPS_TOLD = 20
+GAPS_LISTED = 20
 
 
 class StatusNode(StateSink):
@@ -36,7 +35,7 @@ class StatusNode(StateSink):
     def __init__(self, source: str, clock: Callable[[], int] = time.time_ns) -> None:
         self.connections: Callable[[], Json] = dict  # → certificate's name or address → links
         self._source = source
-        super().__init__(GAPS_TOLD, clock)
+        super().__init__(GAPS_LISTED, clock)
 
     def as_json(self) -> Json:
         """Return everything known now; names are stable."""
@@ -57,7 +56,7 @@ def status_figures(run: RunState, now_ns: int) -> Json:
         "time_ns": now_ns,
         "nodes": [_node(run, each) for each in run.health.nodes(now_ns)],
         "streams": [_stream(each) for each in run.health.streams(now_ns)],
-        "gaps": [_gap(each) for each in gaps[-GAPS_TOLD:]],
+        "gaps": [_gap(each) for each in gaps[-GAPS_LISTED:]],
         "books": run.books.as_json(),
         "posteriors": [_posterior(each.posterior) for each in turbines if each.posterior],
     }
@@ -91,7 +90,7 @@ def _stream(health: StreamHealth) -> Json:
 
 def _gap(gap: StreamGap) -> Json:
     return fields_of(gap, "turbine", "unit", "start_ns") | {
-        "duration_s": (gap.end_ns - gap.start_ns) / NANOSECONDS,
+        "duration_s": gap.duration,
         "blocks": gap.n_blocks,
     }
 

@@ -18,8 +18,6 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.node import Sink
-from pipeline.nodes.sharding import of_kind
-from pipeline.nodes.statistics import received_blocks
 from pipeline.state.posterior_json import MEDIAN_AND_INTERVAL, empty_summary, posterior_summary
 from pipeline.state.run_state import RunState
 from pipeline.state.turbine_state import TurbineState
@@ -245,14 +243,14 @@ def _lost(state: TurbineState, published: int) -> int | None:
     """Return how many blocks never came; None instead of 0 while a node has received no block."""
     takers = [status for node, status in state.statuses.items() if node != "source"]
     lost = max((status.lost for status in takers), default=0)
-    kinds = [[each for each in takers if of_kind(each.node, kind)] for kind in BLOCK_NODES]
-    all_received = all(any(map(received_blocks, kind)) for kind in kinds if kind)
-    if lost or not published or (all_received and any(map(received_blocks, takers))):
+    kinds = [[each for each in takers if each.is_of(kind)] for kind in BLOCK_NODES]
+    all_received = all(any(each.has_blocks for each in kind) for kind in kinds if kind)
+    if lost or not published or (all_received and any(each.has_blocks for each in takers)):
         return lost
     return None
 
 
 def _busy(state: TurbineState, node: str) -> float | None:
-    shares = [each for name, each in state.statuses.items() if of_kind(name, node)]
+    shares = [each for each in state.statuses.values() if each.is_of(node)]
     windows = len(state.estimates)
     return sum(each.busy_s for each in shares) / windows if shares and windows else None

@@ -55,7 +55,6 @@ class NodeByTurbine(Generic[N]):
         most_turbines: int = MOST_TURBINES,
     ) -> None:
         self.members: dict[str, N] = {}
-        self._most_turbines = most_turbines
         self._make = make
         self._store = store
         self._past: dict[str, list[Message]] = {}
@@ -128,7 +127,7 @@ class NodeByTurbine(Generic[N]):
         for node in self.members.values():
             counts += node.statistics
         gone = self._names.gone
-        warnings = (too_many(f"{self._most_turbines} turbines", gone),) if gone else ()
+        warnings = (too_many(f"{self._names.most} turbines", gone),) if gone else ()
         return counts + NodeStatistics(warnings=(*self._not_kept, *warnings))
 
     def close(self) -> None:
@@ -144,13 +143,13 @@ class LimitedMembers:
 
     def __init__(self, most: int) -> None:
         self.gone = 0  # names that had to go
-        self._most = most
+        self.most = most
         self._messages: dict[str, int] = {}  # by name, the longest silent first
 
     def note(self, name: str) -> str | None:
         """Mark `name` as recently used; return the evicted name, or None."""
         leaving = None
-        if name not in self._messages and len(self._messages) >= self._most:
+        if name not in self._messages and len(self._messages) >= self.most:
             leaving = min(self._messages, key=self._messages.__getitem__)  # the first of equals
             del self._messages[leaving]
             self.gone += 1
@@ -161,5 +160,6 @@ class LimitedMembers:
 def too_many(limit: str, gone: int) -> QualityWarning:
     """Warn that members had to be let go, and how often."""
     return QualityWarning(
-        "too-many-turbines", f"more than {limit}: {gone} times the least heard one was let go"
+        "too-many-turbines",
+        f"more than {limit}: {gone} times the one with fewest messages went",
     )

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Protocol, get_args, runtime_checkable
 
 from pipeline.messages import Message, QualityWarning
@@ -27,12 +27,7 @@ class NodeStatistics:
     def __add__(self, other: "NodeStatistics") -> "NodeStatistics":
         """Both together."""
         return NodeStatistics(
-            self.lost + other.lost,
-            self.late + other.late,
-            self.duplicate + other.duplicate,
-            self.recorded + other.recorded,
-            self.rejected + other.rejected,
-            self.warnings + other.warnings,
+            *(getattr(self, each.name) + getattr(other, each.name) for each in fields(self))
         )
 
 

@@ -84,8 +84,3 @@ class ShardedNode:
     def close(self) -> None:
         """Let go of what the node holds."""
         self._node.close()
-
-
-def of_kind(name: str, kind: str) -> bool:
-    """Whether a node's name is that of a kind, or of a share of it."""
-    return name == kind or name.startswith(f"{kind}-")

@@ -20,6 +20,7 @@ from pipeline.nodes.operating_state import OperationSettings, usable_estimate
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
+from sensors.bounded_dict import BoundedDict
 
 LATEST_ANSWERS = 10  # answers that are given again when their estimates come again
 MOST_BOOTS = 256  # sets of units' boots whose last window is remembered
@@ -36,7 +37,8 @@ class AnsweredWindows:
     """
 
     def __init__(self) -> None:
-        self._last: dict[Boots, int] = {}  # first sample of the last window, in the first unit
+        self._last = BoundedDict[Boots, int](MOST_BOOTS)
+        """First sample of the last window, in the first unit."""
         self._without_origins: set[int] = set()  # ends of windows of older recordings [ns]
 
     def __contains__(self, estimate: ModalEstimate) -> bool:
@@ -55,8 +57,6 @@ class AnsweredWindows:
             return
         boots, first = _key(estimate.origins)
         self._last[boots] = max(first, self._last.pop(boots, -1))
-        if len(self._last) > MOST_BOOTS:
-            del self._last[next(iter(self._last))]
 
     def state(self) -> dict[str, Any]:
         """Return the answered windows as JSON can hold them."""
@@ -68,10 +68,8 @@ class AnsweredWindows:
     def resume(self, state: dict[str, Any]) -> None:
         """Go on from what `state` gave."""
         self._without_origins = set(state["without_origins"])
-        self._last = {
-            tuple((unit, session, number) for unit, session, number in boots): first
-            for boots, first in state["last"]
-        }
+        for boots, first in state["last"]:
+            self._last[tuple((unit, session, number) for unit, session, number in boots)] = first
 
 
 def _key(origins: Sequence[UnitOrigin]) -> tuple[Boots, int]:
@@ -228,17 +226,14 @@ class UpdatingNode(NodeByTurbine[TurbineUpdating]):
     ) -> None:
         super().__init__(self._made, store=store, past=past)
         self._make_one = make
-        self._layouts: dict[tuple[str, str], SensorLayout] = {}  # of turbines without an estimate
+        self._layouts = BoundedDict[tuple[str, str], SensorLayout](MOST_LAYOUTS)
 
     def handle(self, message: Message) -> Iterator[Message]:
         """See `NodeByTurbine.handle`; a layout alone makes no updating."""
         if not isinstance(message, SensorLayout) or message.turbine in self.members:
             yield from super().handle(message)
             return
-        self._layouts.pop((message.turbine, message.unit), None)
-        self._layouts[message.turbine, message.unit] = message
-        if len(self._layouts) > MOST_LAYOUTS:
-            del self._layouts[next(iter(self._layouts))]
+        self._layouts.put((message.turbine, message.unit), message)
 
     def _made(self, turbine: str) -> TurbineUpdating:
         node = self._make_one(turbine)

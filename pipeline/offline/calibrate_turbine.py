@@ -19,7 +19,7 @@ from pipeline.scenario import Scenario
 from pipeline.sources.recorded_stream import recordings_in
 from pipeline.sources.sources import Source, replayed_with_structure
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import EstimateRefused, SeenWindow, sightings
+from pipeline.updating.evidence.observations import EstimateRefused, SeenWindow, mode_observations
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference, prior_stds
@@ -258,7 +258,7 @@ def _seen(estimate: ModalEstimate, source: Source, water_level: float) -> SeenWi
     if isinstance(usable, WindowRejected):
         return None
     try:
-        seen = sightings(usable, source.layout.channel_names)
+        seen = mode_observations(usable, source.layout.channel_names)
     except EstimateRefused:
         return None
     return SeenWindow.of(estimate, seen, float(np.nan_to_num(estimate.water_level - water_level)))

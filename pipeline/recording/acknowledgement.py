@@ -9,6 +9,7 @@ from functools import reduce
 
 from pipeline.messages import BlockRange, RecordedUntil
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.bounded_dict import BoundedDict
 
 MOST_RANGES = 64  # of a session, in one acknowledgement; of more the latest to grow
 MOST_ACKNOWLEDGED = 2000  # that are remembered; of more the silent ones go
@@ -53,7 +54,7 @@ class Acknowledgements:
     def __init__(self) -> None:
         self._noted: list[tuple[SessionKey, _Run]] = []
         self._synced: list[tuple[SessionKey, _Run]] = []  # and not acknowledged yet
-        self._runs: dict[SessionKey, list[_Run]] = {}  # the session that grew last comes last
+        self._runs = BoundedDict[SessionKey, list[_Run]](MOST_ACKNOWLEDGED)
 
     def note(self, block: AccelerationBlock) -> None:
         """Take note of a block that was written, or that had been written before."""
@@ -82,8 +83,6 @@ class Acknowledgements:
             runs = self._runs.pop(key, [])
             self._runs[key] = _with_block(runs, block)
             grown[key] = None
-            if len(self._runs) > MOST_ACKNOWLEDGED:
-                del self._runs[next(iter(self._runs))]
         self._synced.clear()
         return tuple(
             RecordedUntil(*key, now_ns, _ranges(self._runs[key]))

@@ -1,4 +1,4 @@
-"""Create matplotlib figures; matplotlib is an optional dependency (extra `plot`).
+"""Create matplotlib figures.
 
 Pictures for a page are SVG, so that they stay sharp on every screen and on paper and their text
 can be searched; text and axes have the page's own text colour, dark or light. Clouds of points are
@@ -11,7 +11,6 @@ from io import StringIO
 from typing import Any
 
 from pipeline.viewer.pictures.colours import Colour
-from sensors.errors import InputError
 
 INK = "#010203"  # stands for the page's text colour until the SVG is written
 PAPER = "#fdfcfb"  # stands for the page's background
@@ -19,27 +18,16 @@ FIGURE_WIDTH = 4.2  # of a figure on a page [inch]: readable on a phone without 
 DOTS_PER_INCH = 200  # of what is drawn as pixels
 
 
-def new_figure(size: tuple[float, float], purpose: str) -> Any:
+def new_figure(size: tuple[float, float]) -> Any:
     """Return an empty matplotlib figure.
 
     Parameters
     ----------
     size : tuple[float, float]
         Width and height [inch].
-    purpose : str
-        What the figure is for, as named in an error, e.g. "diagram.png".
-
-    Raises
-    ------
-    InputError
-        If matplotlib is not installed.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise InputError(
-            f"cannot draw {purpose}: matplotlib is not installed; pip install 'pilewatch[plot]'"
-        ) from error
+    from matplotlib.figure import Figure
+
     return Figure(figsize=size, layout="constrained")
 
 
@@ -52,7 +40,7 @@ def page_figure(height: float) -> Iterator["PageFigure"]:
     height : float
         Height of the figure [inch].
     """
-    figure = new_figure((FIGURE_WIDTH, height), "a report")
+    figure = new_figure((FIGURE_WIDTH, height))
     from matplotlib import rc_context
 
     with rc_context(_STYLE):

@@ -63,7 +63,7 @@ def write_page(session: RecordedSession, out: Path) -> None:
     Raises
     ------
     InputError
-        If matplotlib is missing or the file cannot be written.
+        If the file cannot be written.
     """
     text = page(session)
     try:

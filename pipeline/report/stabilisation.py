@@ -42,9 +42,9 @@ def draw_stabilisation(
     Raises
     ------
     InputError
-        If matplotlib is not installed or the file cannot be written.
+        If the file cannot be written.
     """
-    figure = new_figure((11, 8), str(path))
+    figure = new_figure((11, 8))
     poles_axes, spectrum_axes = figure.subplots(2, 1, sharex=True)
     _draw_poles(poles_axes, identification)
     _draw_spectrum(spectrum_axes, samples, sampling_rate)

@@ -21,9 +21,9 @@ def draw_structure(figures: StructureFigures, path: Path) -> None:
     Raises
     ------
     InputError
-        If matplotlib is not installed or the file cannot be written.
+        If the file cannot be written.
     """
-    figure = new_figure((13, 7), str(path))
+    figure = new_figure((13, 7))
     widths = [2.2] + [1.0] * min(N_MODES, len(figures.first))
     structure_axes, *mode_axes = figure.subplots(1, len(widths), sharey=True, width_ratios=widths)
     _draw_structure(structure_axes, figures.description)

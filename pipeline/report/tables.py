@@ -204,7 +204,7 @@ def gaps_table(record: TurbineRecord) -> TextTable:
     """Return the gaps, newest last."""
     gaps = record.state.gaps
     rows = tuple(
-        (stamp(gap.start_ns), span((gap.end_ns - gap.start_ns) / NANOSECONDS), gap.unit,
+        (stamp(gap.start_ns), span(gap.duration), gap.unit,
          str(gap.n_blocks))
         for gap in gaps[-MOST_ROWS:]
     )  # fmt: skip

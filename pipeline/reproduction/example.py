@@ -20,7 +20,7 @@ from pipeline.reproduction.paper import LABELS, SAMPLES
 from pipeline.scenario import Scenario, load_scenario, with_overrides
 from pipeline.sources.sources import simulated_tower
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import SeenWindow, sightings
+from pipeline.updating.evidence.observations import SeenWindow, mode_observations
 from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
@@ -275,7 +275,7 @@ def paired_blind(
 
 
 def _no_report(share: float) -> None:
-    """Nobody watches."""
+    """Report nothing."""
 
 
 def _modes(
@@ -316,7 +316,7 @@ def _posteriors(
 
     start   (3,) ratios k / nominal at which they were found
     """
-    seen = SeenWindow.of(estimate, sightings(estimate, estimate.channels), rise=0.0)
+    seen = SeenWindow.of(estimate, mode_observations(estimate, estimate.channels), rise=0.0)
     evidence = ModalEvidence(channels=estimate.channels, joint_covariance=False)
     evidence = evidence.with_window(replace(seen, weight=1.0, level_known=True))
     forward = model.subset(labels)

@@ -37,7 +37,7 @@ def write_report(study: Study, folder: Path) -> tuple[Path, ...]:
     Raises
     ------
     InputError
-        If the folder or a file cannot be written, or matplotlib is missing.
+        If the folder or a file cannot be written.
     """
     prepared_folder(folder)
     figure = folder / "figure3.png"
@@ -176,7 +176,7 @@ def draw_figure3(example: Example, path: Path) -> None:
     InputError
         If it cannot be drawn or written.
     """
-    figure = new_figure((9, 9), str(path))
+    figure = new_figure((9, 9))
     grid = figure.subplots(4, 4, sharex="col")
     clouds = ((example.published, PUBLISHED), (example.corrected, CORRECTED))
     for row in range(4):

@@ -37,8 +37,9 @@ from pipeline.run.options import SessionOptions
 from pipeline.run.ownership import Ownership, epoch_of, owned
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
 from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
+from pipeline.runtime.lock_step import run_lock_step
 from pipeline.runtime.node_thread import NodeThread, open_session, serve
-from pipeline.runtime.runner import run_lock_step, run_workers
+from pipeline.runtime.runner import run_workers
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.runtime.source_feed import BlockReport, Worker
@@ -144,7 +145,7 @@ class _Run:
         if options.way != "lock-step":
             return self._run_on_bus(graph, sinks, count)
         if source.is_live:
-            raise InputError("--lock-step cannot run a live source: it waits for nobody")
+            raise InputError("--lock-step cannot run a live source, which does not wait")
         nodes = [*(plan.make() for plan in graph), *sinks]
         messages = source.messages(options.speed, self.stopping)
         return run_lock_step(messages, nodes, turbine=source.layout.turbine, report=count)

@@ -7,7 +7,7 @@ from pipeline.app import Outputs, build
 from pipeline.messages import FoundationTruth, Message, ModalEstimate
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.recording.reader import read_messages
-from pipeline.runtime.runner import run_lock_step
+from pipeline.runtime.lock_step import run_lock_step
 from pipeline.runtime.source_feed import BlockReport
 from pipeline.sources.sources import Source
 from sensors.acquisition.blocks import AccelerationBlock

@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from pipeline.nodes.node import Node
-from pipeline.nodes.statistics import NodeAccount
 from pipeline.runtime.errors import NodeFailed
+from pipeline.runtime.lock_step import NodeAccount
+from pipeline.runtime.source_feed import STOPPED_WITHIN
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -20,7 +21,6 @@ logger = logging.getLogger(__name__)
 STATUS_PERIOD = 1.0  # longest time between two statuses of a running node [s]
 STATUS_BLOCKS = 16  # a status at the latest after so many blocks, so that the source can go on
 DRAINED_WITHIN = 2.0  # what a node has received when it is asked to stop [s]
-STOPPED_WITHIN = 7.0  # all nodes, together; what remains of ten seconds is the summary's [s]
 LEAST_PATIENCE = 0.2  # with the last of them [s]
 TRIM_PERIOD = 60.0  # between two returns of freed memory [s]
 

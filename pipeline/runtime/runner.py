@@ -14,17 +14,17 @@ most so many blocks unacknowledged, and the run is over when every message has b
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Iterable, Sequence
 
 from pipeline.messages import Message
-from pipeline.nodes.node import Node
-from pipeline.nodes.statistics import NodeAccount
-from pipeline.runtime.node_thread import STOPPED_WITHIN
-from pipeline.runtime.source_feed import BlockReport, RunEnded, SourceFeed, Worker, with_end
+from pipeline.runtime.source_feed import (
+    STOPPED_WITHIN,
+    BlockReport,
+    RunEnded,
+    SourceFeed,
+    Worker,
+)
 from pipeline.transport.bus import Bus
-from pipeline.transport.codec import decode, encode
-from sensors.acquisition.blocks import AccelerationBlock
 from sensors.arrays import one_blas_thread
 
 logger = logging.getLogger(__name__)
@@ -33,36 +33,6 @@ CLOSED_WITHIN = 120.0  # all nodes, when all is handled and nothing presses: fil
 KEPT_FOR_RECORDER = 4.0  # of that, when the nodes before it have ended [s]
 KEPT_FOR_LAST = 1.0  # of that, for what follows the recorder [s]
 RECORDER = "recorder"
-
-
-def run_lock_step(
-    source: Iterable[Message],
-    nodes: Sequence[Node],
-    *,
-    turbine: str,
-    report: BlockReport | None = None,
-) -> None:
-    """Every message through the whole graph before the next; deterministic, without transport."""
-    accounts = [NodeAccount(node, turbine, time.time_ns) for node in nodes]
-    with one_blas_thread():
-        for message in with_end(source):
-            _dispatch(message, accounts)
-            if report and isinstance(message, AccelerationBlock):
-                report(message)
-        for account in accounts:
-            _dispatch(account.status("stopped"), accounts)
-    for account in accounts:
-        account.node.close()
-
-
-def _dispatch(message: Message, accounts: Sequence[NodeAccount]) -> None:
-    waiting = deque([message])
-    while waiting:
-        message = waiting.popleft()
-        payload = encode(message)
-        for account in accounts:
-            if type(message) in account.node.inputs:
-                waiting.extend(account.handle(decode(type(message), payload), payload))
 
 
 def run_workers(

@@ -15,6 +15,7 @@ import hashlib
 import logging
 import zlib
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import quote, unquote
 
@@ -58,26 +59,20 @@ class FencedError(OSError):
     """A later run has taken the folder over: this one writes no more."""
 
 
+@dataclass(frozen=True, slots=True)
 class SnapshotFolder:
     """One file a turbine in one folder, which is made when it is first needed, and at most
-    MOST_FILES of them.
+    MOST_FILES of them."""
 
-    Parameters
-    ----------
-    node : str
-        Whose they are; it stands in their names.
-    epoch : int
-        Number of the run that writes; a file of a later run is not replaced.
-    """
-
-    def __init__(self, path: Path, node: str = "updating", *, epoch: int = 0) -> None:
-        self._path = path
-        self._node = node
-        self._epoch = epoch
+    path: Path
+    node: str = "updating"
+    """Whose they are; it stands in their names."""
+    epoch: int = field(default=0, kw_only=True)
+    """Number of the run that writes; a file of a later run is not replaced."""
 
     def file_of(self, turbine: str) -> Path:
         """Return where the turbine's snapshot lies, if it has one."""
-        return self._path / f"{self._node}-{_in_file_names(turbine)}.checkpoint"
+        return self.path / f"{self.node}-{_in_file_names(turbine)}.checkpoint"
 
     def write(self, turbine: str, snapshot: NodeSnapshot) -> None:
         """Replace the turbine's snapshot in one step, the bytes on disk before the name.
@@ -87,12 +82,12 @@ class SnapshotFolder:
         """
         path = self.file_of(turbine)
         try:
-            make_folder_durably(self._path)
+            make_folder_durably(self.path)
             if not path.exists():
                 self._make_room()
-            elif (later := _epoch_in(path)) > self._epoch:
-                raise FencedError(0, f"run {later} has taken it over from run {self._epoch}")
-            written_whole(path, written(turbine, snapshot, self._epoch))
+            elif (later := _epoch_in(path)) > self.epoch:
+                raise FencedError(0, f"run {later} has taken it over from run {self.epoch}")
+            written_whole(path, written(turbine, snapshot, self.epoch))
         except OSError as error:
             error.filename = error.filename or str(path)
             raise
@@ -100,7 +95,7 @@ class SnapshotFolder:
     def _make_room(self) -> None:
         """For one more file: turbines may be made up for ever, and those that exist renew theirs
         meanwhile."""
-        files = [file for file in self._path.iterdir() if file.name.startswith(f"{self._node}-")]
+        files = [file for file in self.path.iterdir() if file.name.startswith(f"{self.node}-")]
         if len(files) < MOST_FILES:  # when each was renewed costs ten times as much
             return
         files.sort(key=_renewed)
@@ -123,7 +118,7 @@ class SnapshotFolder:
                 f"cannot read the checkpoint {path}: {error.strerror}; correct its permissions or "
                 "start with --fresh"
             ) from error
-        logger.warning("%s of %s continues from %s", self._node, turbine, path)
+        logger.warning("%s of %s continues from %s", self.node, turbine, path)
         return parsed(content, turbine, str(path))
 
 

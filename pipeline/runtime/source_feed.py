@@ -8,10 +8,8 @@ from functools import partial
 from typing import Protocol
 
 from pipeline.messages import Message, NodeStatus, StreamEnd, message_counts
-from pipeline.nodes.statistics import received_blocks
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.flow_control import Credit, Quiet, is_drained
-from pipeline.runtime.node_thread import STOPPED_WITHIN
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.boots import BootCounter
@@ -19,6 +17,7 @@ from sensors.intervals import Intervals
 
 START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports for seconds
 FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
+STOPPED_WITHIN = 7.0  # all nodes, together; what remains of ten seconds is the summary's [s]
 SOURCE = "source"
 
 BlockReport = Callable[[AccelerationBlock], None]
@@ -155,7 +154,8 @@ class SourceFeed:
         """Nodes that have not received the first block although its time is over [s, monotonic]."""
         if since is None or time.monotonic() - since < FIRST_BLOCK_TIMEOUT:
             return []
-        return [name for name in takers if not received_blocks(self._latest.get(name))]
+        received = {name for name, status in self._latest.items() if status.has_blocks}
+        return [name for name in takers if name not in received]
 
 
 def source_status(turbine: str, published: Counter[str]) -> NodeStatus:

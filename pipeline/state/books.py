@@ -10,7 +10,7 @@ by the status and the summary, offline by `pilewatch audit` from the files.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 
 from pipeline.messages import (
@@ -23,15 +23,16 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.state.phrases import block_numbers, codes_in_words, count_noun
-from pipeline.state.turbine_book import TurbineBook, forget_oldest
+from pipeline.state.turbine_book import TurbineBook, bounded_table
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.boots import NOTABLE_CLOCK_STEP, BootCounter
+from sensors.bounded_dict import BoundedDict
 from sensors.intervals import Intervals
 from sensors.json_values import Json
 
 UNBALANCED = 2  # windows that were answered while books do not balance, after which it is an alarm
 WITHOUT_POSTERIOR = 6  # windows that were answered without a posterior, after which it is an alarm
-UPDATING = "updating"  # name of the node, or the beginning of its shares' names
+UPDATING = "updating"  # name of the node
 REPORTED_WITHIN = 5  # blocks after which missing ones are reported: they may be late
 UnitBoot = tuple[str, str, str, int]  # turbine, unit, session, boot
 
@@ -166,11 +167,10 @@ class Books:
     def __init__(self, *, updates: bool | None = None) -> None:
         self._updates = updates
         self._is_updating = bool(updates)
-        self._blocks: dict[UnitBoot, BlockBook] = {}
-        self._boots: dict[tuple[str, str, str], BootCounter] = {}
-        self._turbines: dict[str, TurbineBook] = {}
-        self._refused: dict[tuple[str, str], Counter[str]] = {}  # turbine, node → blocks by code
-        self._late: dict[tuple[str, str], int] = {}  # turbine, node → blocks that it had given up
+        self._blocks: BoundedDict[UnitBoot, BlockBook] = bounded_table()
+        self._boots: BoundedDict[tuple[str, str, str], BootCounter] = bounded_table()
+        self._turbines: BoundedDict[str, TurbineBook] = bounded_table()
+        self._nodes: BoundedDict[tuple[str, str], NodeStatus] = bounded_table()
 
     def handle(self, message: Message) -> None:
         """Enter one message."""
@@ -190,13 +190,9 @@ class Books:
                 self._note_updating()
                 self._turbine(message.turbine).enter_posterior(message)
             case NodeStatus():
-                if message.node.partition("-")[0] == UPDATING:
+                if message.is_of(UPDATING):
                     self._note_updating()
-                codes = Counter({each.message: each.count for each in message.refused})
-                self._refused[message.turbine, message.node] = codes
-                self._late[message.turbine, message.node] = message.late
-                forget_oldest(self._refused)
-                forget_oldest(self._late)
+                self._nodes[message.turbine, message.node] = message
 
     def _note_updating(self) -> None:
         self._is_updating = self._updates is not False
@@ -209,10 +205,8 @@ class Books:
         repeats = present is not None and block.sequence in present.recorded
         unused = counter.unused_before(block)
         boot = counter.boot_of(block, repeats=repeats)
-        forget_oldest(self._boots)
         book = self._blocks.pop((*session, boot), None) or BlockBook()
         self._blocks[(*session, boot)] = book
-        forget_oldest(self._blocks)
         if counter.also and present is not None:  # they were taken for the same once more
             present.repeated -= counter.also
             book.recorded.add(block.sequence - counter.also, block.sequence)
@@ -224,9 +218,7 @@ class Books:
         return self._blocks.setdefault((*session, boot), BlockBook())
 
     def _turbine(self, turbine: str) -> TurbineBook:
-        book = self._turbines.setdefault(turbine, TurbineBook())
-        forget_oldest(self._turbines)
-        return book
+        return self._turbines.setdefault(turbine, TurbineBook())
 
     def _answer(self, answer: ModalEstimate | WindowRejected) -> None:
         """Enter it; look, when a window is answered, whether books balance and posteriors come."""
@@ -275,17 +267,14 @@ class Books:
         It refused them, or they came too late: a late block may get here before the report that
         it is missing, since another node sends that.
         """
-
-        def total(counts: Iterable[tuple[tuple[str, str], int]]) -> int:
-            return sum(
-                count
-                for (of, node), count in counts
-                if of == turbine and node.partition("-")[0] != UPDATING
-            )
-
-        refused = total((node, codes.total()) for node, codes in self._refused.items())
+        others = [
+            status
+            for status in self._nodes.values()
+            if status.turbine == turbine and not status.is_of(UPDATING)
+        ]
+        refused = sum(_refused_by(status).total() for status in others)
         seen_late = sum(len(book.late) for key, book in self._blocks.items() if key[0] == turbine)
-        return refused + max(0, total(self._late.items()) - seen_late)
+        return refused + max(0, sum(status.late for status in others) - seen_late)
 
     def alarms(self, without_posterior: int = WITHOUT_POSTERIOR) -> list[BooksAlarm]:
         """Return what a person must look into now.
@@ -323,9 +312,9 @@ class Books:
                 if book.recorded and only in (None, boot[0])
             ],
             "refused": {
-                node: dict(codes)
-                for (turbine, node), codes in self._refused.items()
-                if codes and only in (None, turbine)
+                node: dict(_refused_by(status))
+                for (turbine, node), status in self._nodes.items()
+                if status.refused and only in (None, turbine)
             },
             "turbines": [
                 {"turbine": turbine} | book.as_json()
@@ -339,7 +328,7 @@ class Books:
         """The books in one line."""
         blocks = [book for book in self._blocks.values() if book.recorded]
         books = self._turbines.values()
-        refused = sum(self._refused.values(), Counter[str]())
+        refused = sum(map(_refused_by, self._nodes.values()), Counter[str]())
         silent = sum(pauses_before(self._blocks).values())
         pauses = f" ({silent:.0f} s without samples between boots)" if silent else ""
         unused = f", {refused.total()} not used ({codes_in_words(refused)})" if refused else ""
@@ -353,6 +342,11 @@ class Books:
             f"{sum(each.refused.total() for each in books)} refused, "
             f"{sum(len(each.pending) for each in books)} pending"
         )
+
+
+def _refused_by(status: NodeStatus) -> Counter[str]:
+    """Blocks that a node did not use, by the reason's code."""
+    return Counter({each.message: each.count for each in status.refused})
 
 
 def _session(message: AccelerationBlock | StreamGap | StreamEnd) -> tuple[str, str, str]:

@@ -7,6 +7,7 @@ from typing import Literal
 from pipeline.messages import Message, NodeStatus, StreamEnd
 from pipeline.streams import key_of, stream_of
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.bounded_dict import BoundedDict
 
 MOST_KEYS_WATCHED = 5000  # of more, those with the fewest messages go,
 LET_GO = 100  # so many at once, as the search for them takes a look at all
@@ -57,7 +58,7 @@ class Health:
 
     def __init__(self) -> None:
         self._seen: dict[str, _Seen] = {}
-        self._ended: dict[tuple[str, str], str] = {}  # (turbine, unit) → session
+        self._ended: BoundedDict[tuple[str, str], str] = BoundedDict(MOST_KEYS_WATCHED)
 
     def observe(self, message: Message, now_ns: int) -> None:
         """Take note of one message that has just come."""
@@ -70,8 +71,6 @@ class Health:
         self._seen[key] = _Seen(message, now_ns, count + 1, first_ns)
         if isinstance(message, StreamEnd):
             self._ended[message.turbine, message.unit] = message.session
-            if len(self._ended) > MOST_KEYS_WATCHED:
-                del self._ended[next(iter(self._ended))]
         elif isinstance(message, AccelerationBlock):
             self._note_session(message)
 

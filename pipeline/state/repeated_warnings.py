@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Iterator
 
 from pipeline.messages import QualityWarning
+from sensors.bounded_dict import BoundedDict
 
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 
@@ -22,15 +23,12 @@ class DistinctWarnings:
     """
 
     def __init__(self, most: int | None = None) -> None:
-        self._most = most
-        self._first: dict[tuple[str, str], QualityWarning] = {}
+        self._first: BoundedDict[tuple[str, str], QualityWarning] = BoundedDict(most)
 
     def add(self, warnings: Iterable[QualityWarning]) -> None:
         """Enter warnings in the order in which they are to be read."""
         for warning in warnings:
             self._first.setdefault((warning.code, _NUMBER.sub(_rounded, warning.text)), warning)
-            if self._most is not None and len(self._first) > self._most:
-                del self._first[next(iter(self._first))]
 
     def __iter__(self) -> Iterator[QualityWarning]:
         return iter(self._first.values())

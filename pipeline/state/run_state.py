@@ -13,6 +13,7 @@ from pipeline.state.books import Books
 from pipeline.state.health import Health
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import AccelerationBlock
+from sensors.bounded_dict import BoundedDict
 
 MOST_TURBINES_KNOWN = 300  # of a live run; of more the one with the fewest messages goes
 MOST_UNITS_HEARD = 5000  # sessions of units of a live run whose latest block is remembered
@@ -36,7 +37,7 @@ class RunState:
         self.turbines: dict[str, TurbineState] = {}
         self._kept = kept
         self._once = once
-        self._newest: dict[tuple[str, ...], int] = {}  # a unit's session → sequence
+        self._newest: BoundedDict[tuple[str, ...], int] = BoundedDict(MOST_UNITS_HEARD)
 
     def fold(self, message: Message, now_ns: int | None = None) -> None:
         """Take one message into account.
@@ -100,6 +101,4 @@ class RunState:
         unit = (block.turbine, block.unit, block.session)
         newest = self._newest.pop(unit, -1)
         self._newest[unit] = max(newest, block.sequence)
-        if len(self._newest) > MOST_UNITS_HEARD:
-            del self._newest[next(iter(self._newest))]  # silent for longest
         return block.sequence > newest

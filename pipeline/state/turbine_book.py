@@ -6,6 +6,7 @@ from typing import Any
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, WindowRejected
 from pipeline.state.phrases import codes_in_words
+from sensors.bounded_dict import BoundedDict
 from sensors.json_values import Json
 
 MOST_BOOKS = 2000  # boots of units, and windows that are waited for, each; of more the oldest go
@@ -14,6 +15,11 @@ IN_POSTERIOR = "in-posterior"  # fate of an estimate
 LATEST_WINDOWS = 20  # whose fates are listed
 
 WindowKey = tuple[object, ...]
+
+
+def bounded_table() -> BoundedDict[Any, Any]:
+    """Return a table of at most `MOST_BOOKS` entries."""
+    return BoundedDict(MOST_BOOKS)
 
 
 @dataclass(slots=True)
@@ -38,9 +44,9 @@ class TurbineBook:
     in_posterior: int = 0
     refused: Counter[str] = field(default_factory=Counter)
     """Estimates that the updating did not use, by the reason's code."""
-    pending: dict[WindowKey, int] = field(default_factory=dict)
+    pending: BoundedDict[WindowKey, int] = field(default_factory=bounded_table)
     """Estimates without an answer of the updating, in their order → later ones answered since."""
-    known: dict[WindowKey, WindowFate] = field(default_factory=dict)
+    known: BoundedDict[WindowKey, WindowFate] = field(default_factory=bounded_table)
     """Fates of the latest windows."""
     superseded: int = 0
     """Answers of windows that have another one by now."""
@@ -51,7 +57,7 @@ class TurbineBook:
     early: dict[WindowKey, str] = field(default_factory=dict)
     """The last answer of the updating that may have overtaken its estimate on the way: two nodes
     send them, and nothing orders what different nodes send."""
-    last: dict[WindowKey, int] = field(default_factory=dict)
+    last: BoundedDict[WindowKey, int] = field(default_factory=bounded_table)
     """Boot of a unit → number of its last window."""
     latest: tuple[WindowKey, ...] = ()
     """Boots of the last window that has any: a window in which no unit was there is theirs."""
@@ -82,13 +88,11 @@ class TurbineBook:
         self.identified += 1
         pending = early or "pending" if awaited else ""
         self.known[key] = WindowFate(estimate.window, estimate.start_ns, "identified", pending)
-        forget_oldest(self.known)
         if early:
             self.in_posterior += early == IN_POSTERIOR
             self.refused += Counter({early: early != IN_POSTERIOR})
         elif awaited:
             self.pending[key] = 0
-            forget_oldest(self.pending)
         return True
 
     def enter_rejection(self, rejected: WindowRejected) -> bool:
@@ -101,7 +105,6 @@ class TurbineBook:
             self._follow(rejected, rejected.windows_before)
             self.known[key] = WindowFate(rejected.window, rejected.start_ns, rejected.code)
             self.early = {key: rejected.code}
-            forget_oldest(self.known)
         elif key in self.pending:
             self._strike_out(key)
             self.refused[rejected.code] += 1
@@ -153,7 +156,6 @@ class TurbineBook:
         for boot in boots:
             self.last.pop(boot, None)  # the longest unheard is forgotten first
             self.last[boot] = max(answer.window, last)
-            forget_oldest(self.last)
 
     @property
     def forgotten(self) -> int:
@@ -189,9 +191,3 @@ def _key(message: ModalEstimate | WindowRejected | FoundationPosterior) -> Windo
     if isinstance(message, FoundationPosterior):
         return ("ends", message.time_ns)
     return ("lies", message.start_ns, message.end_ns)
-
-
-def forget_oldest(table: dict[Any, Any]) -> None:
-    """Keep a table within `MOST_BOOKS`."""
-    if len(table) > MOST_BOOKS:
-        del table[next(iter(table))]

@@ -221,6 +221,21 @@ class TurbineState:
         return (self.last_ns - self.first_ns) / NANOSECONDS
 
     @property
+    def n_rejected(self) -> int:
+        """Rejections received."""
+        return self.rejections.total()
+
+    @property
+    def n_gaps(self) -> int:
+        """Reports of gaps received."""
+        return self.received[StreamGap.__name__]
+
+    @property
+    def missing(self) -> float:
+        """Measured time that its units' gaps lack [s]."""
+        return sum(unit.missing_ns for unit in self.units.values()) / NANOSECONDS
+
+    @property
     def modes(self) -> list[CombinedMode]:
         """Modes of all windows, one entry a track."""
         return self.tracks.modes(self.posterior)

@@ -11,6 +11,7 @@ from statistics import median
 
 from pipeline.messages import QualityWarning
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.bounded_dict import BoundedDict
 
 MOST_OFF = 5.0  # of a unit's clock from this machine's, without a warning [s]
 JUDGED_BLOCKS = 20  # of a unit, the latest
@@ -26,7 +27,8 @@ class ArrivalClocks:
     """Watches the blocks of live units arrive; judges each unit's clock by its latest blocks."""
 
     def __init__(self) -> None:
-        self._seen: dict[UnitKey, deque[tuple[int, int]]] = {}  # end of block, arrival [ns]
+        self._seen = BoundedDict[UnitKey, deque[tuple[int, int]]](MOST_UNITS)
+        """End of block, arrival [ns]."""
 
     def note(self, block: AccelerationBlock, now_ns: int) -> None:
         """Take note of a block.
@@ -40,8 +42,6 @@ class ArrivalClocks:
         seen = self._seen.pop(key, None) or deque(maxlen=JUDGED_BLOCKS)
         seen.append((block.end_ns, now_ns))
         self._seen[key] = seen
-        if len(self._seen) > MOST_UNITS:
-            del self._seen[next(iter(self._seen))]
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:

@@ -26,6 +26,7 @@ import zenoh
 from pipeline.streams import stream_of
 from pipeline.transport.bus import Delivery, Inbox
 from pipeline.transport.zenoh_settings import without_source
+from sensors.bounded_dict import BoundedDict
 
 logger = logging.getLogger(__name__)
 
@@ -61,7 +62,9 @@ class Arrivals:
         self._inbox = inbox
         self._beginnings = beginnings
         self._arriving = threading.Lock()
-        self._known: dict[Publisher, None] = {}  # in order of first arrival
+        self._known = BoundedDict[Publisher, None](MOST_KNOWN_PUBLISHERS)
+        """The latest to begin: one that was forgotten begins again, with what it still keeps, and
+        those who listen know that they have it."""
         self._held: dict[Publisher, list[zenoh.Sample]] = {}  # while their beginning is fetched
 
     def __call__(self, sample: zenoh.Sample) -> None:
@@ -72,20 +75,13 @@ class Arrivals:
             if publisher in self._held:
                 self._held[publisher].append(sample)
             elif publisher in self._known or number == 0:
-                self._know(publisher)
+                self._known[publisher] = None
                 self._inbox.put(self._delivery(sample))
             else:
-                self._know(publisher)
+                self._known[publisher] = None
                 self._held[publisher] = [sample]
                 kept = stream_of(self._message_type).cached > 1  # else this one is all there is
                 self._beginnings.ask(publisher, number, self.begin, patient=kept)
-
-    def _know(self, publisher: Publisher) -> None:
-        """The latest to begin are known; one that was forgotten begins again, with what it still
-        keeps, and those who listen know that they have it."""
-        self._known[publisher] = None
-        if len(self._known) > MOST_KNOWN_PUBLISHERS:
-            del self._known[next(iter(self._known))]
 
     def begin(self, publisher: Publisher, earlier: Iterable[zenoh.Sample]) -> None:
         """Let a stream that was held back go on, after what came before it."""

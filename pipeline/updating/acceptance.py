@@ -227,7 +227,7 @@ def what_differs(pair: ModePair) -> str:
     return f"frequency {pair.misfit:+.1f} standard deviations off"
 
 
-def unidentified_doubts(
+def unidentified_springs(
     parameters: Sequence[ParameterSummary], settings: AcceptanceSettings
 ) -> tuple[QualityWarning, ...]:
     """One sentence for each stiffness about which the sensors give next to no information."""

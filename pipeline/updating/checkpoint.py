@@ -28,6 +28,7 @@ from sensors.errors import InputError
 STATE_HEADER = b"pilewatch-updating"
 STATE_VERSION = 3  # of the layout; another one is refused, never guessed at
 LARGEST_STATE = 256 * 2**20  # [bytes] unpacked; a state of a hundred modes has some 10⁶
+STORED_AS = "stored_as"  # metadata of a field that has another name in the file
 
 S = TypeVar("S")
 
@@ -120,7 +121,7 @@ def _listed(value: str | Sequence[Any]) -> str:
 def _tree(value: Any, arrays: list[FloatArray]) -> Any:
     """What JSON can hold; arrays go to the list."""
     if is_dataclass(value):
-        return {field.name: _tree(getattr(value, field.name), arrays) for field in fields(value)}
+        return {_key(field): _tree(getattr(value, field.name), arrays) for field in fields(value)}
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1, "shape": value.shape}
@@ -143,6 +144,10 @@ class _Arrays:
         found = self._numbers[self._taken : self._taken + size]
         self._taken += size
         return found.reshape(shape).astype(float)  # a copy that may be written to
+
+
+def _key(field: Field[Any]) -> str:
+    return str(field.metadata.get(STORED_AS, field.name))
 
 
 def _has_default(field: Field[Any]) -> bool:
@@ -171,9 +176,9 @@ def _value(tree: Any, hint: Any, arrays: _Arrays) -> Any:
     if is_dataclass(hint) and isinstance(hint, type):
         types_of = _types_of(hint)
         values = {
-            f.name: _value(tree[f.name], types_of[f.name], arrays)
+            f.name: _value(tree[_key(f)], types_of[f.name], arrays)
             for f in fields(hint)
-            if f.name in tree or not _has_default(f)  # a state from before the field was added
+            if _key(f) in tree or not _has_default(f)  # a state from before the field was added
         }
         return hint(**values)
     return hint(tree)

@@ -22,7 +22,7 @@ from pipeline.updating.acceptance import (
     predictive_misfits,
     reduced_chi_square,
     unconverged,
-    unidentified_doubts,
+    unidentified_springs,
 )
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.forward_model import ModesOfStiffness
@@ -84,7 +84,7 @@ def posterior_message(
             *against,
             *draws.warnings,
             *misfit_warnings(pairs, guards),
-            *unidentified_doubts(parameters, guards),
+            *unidentified_springs(parameters, guards),
         ),
     )
 

@@ -54,7 +54,7 @@ class UpdatingState:
         latest = SeenWindow.of(estimate, seen, rise)
         evidence = self.evidence.with_window(latest)
         if not evidence.joint_covariance:
-            latest = replace(latest, sightings=tuple(map(diagonal, seen)))
+            latest = replace(latest, observations=tuple(map(diagonal, seen)))
         return replace(self, evidence=evidence, recent=(*self.recent, latest)[-RECENT_WINDOWS:])
 
     def restarted(self, start_ns: int, nothing: ModalEvidence) -> "UpdatingState":

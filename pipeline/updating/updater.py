@@ -27,8 +27,7 @@ from pipeline.updating.change.revised_size import BeforeEvent, relative_change, 
 from pipeline.updating.change.sufficient_statistics import Sensitivities, with_tracks_only
 from pipeline.updating.checkpoint import CheckpointOwner, decoded_checkpoint, encoded_checkpoint
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import EstimateRefused
-from pipeline.updating.evidence.observations import sightings as sightings_of
+from pipeline.updating.evidence.observations import EstimateRefused, mode_observations
 from pipeline.updating.exact_inference import ExactInference
 from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.model_matching import without_partner
@@ -172,7 +171,7 @@ class FoundationUpdater:
     def _accumulated(
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, FoundationEvent | None]:
-        seen = sightings_of(estimate, self._layout.channel_names)
+        seen = mode_observations(estimate, self._layout.channel_names)
         after = state.with_window(estimate, seen, self._rise(estimate))
         change = self._watched(after, estimate)
         if self._unknown_tide_std > 0 and np.isnan(estimate.water_level):

@@ -37,6 +37,7 @@ from pipeline.viewer.update_rates import UpdateRates
 from pipeline.viewer.view_parameters import ViewParameters
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.bounded_dict import BoundedDict
 from sensors.structure.description import TurbineDescription
 
 MOST_AHEAD = 20  # windows that the identification may be ahead; of a session that only tracks
@@ -111,7 +112,8 @@ class TurbineView:
         self._modes = ModeView(recording, root, self._outline, labels=labels, rates=rates)
         self._nodes = NodeView(recording, root, period=rates.nodes)
         self._status = SessionStatus(turbine, title=description.title, has_structure=has_structure)
-        self._estimates: dict[int, ModalEstimate] = {}  # by window, the last without a posterior
+        self._estimates = BoundedDict[int, ModalEstimate](MOST_AHEAD)
+        """By window, the last without a posterior."""
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
         self._sized = False  # a change of known size was detected
@@ -174,10 +176,7 @@ class TurbineView:
 
     def draw_estimate(self, estimate: ModalEstimate) -> None:
         """Draw identified frequencies; the posterior adds shapes and tracks."""
-        self._estimates.pop(estimate.window, None)
-        self._estimates[estimate.window] = estimate
-        if len(self._estimates) > MOST_AHEAD:
-            del self._estimates[next(iter(self._estimates))]
+        self._estimates.put(estimate.window, estimate)
         layout = self._layouts.named(estimate.layout_id)
         self._at(estimate.end_ns)
         track_views.log_estimate(

@@ -1,6 +1,7 @@
 """Starts of acquisition units, by their blocks' numbers: what a block's boot is."""
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.bounded_dict import BoundedDict
 
 NOTABLE_CLOCK_STEP = 0.5  # of stamps against the sample count between two blocks [s]
 RATE_ERROR = 0.01  # of a converter's rate, at most [-]
@@ -22,7 +23,7 @@ class BootCounter:
         self.boot = 0
         self.also = 0
         """Blocks just before the last that are found, with it, to be of the new boot."""
-        self._newest: dict[int, AccelerationBlock] = {}  # by boot
+        self._newest = BoundedDict[int, AccelerationBlock](MOST_EARLIER)  # by boot
         self._on_end: list[AccelerationBlock] = []  # that may have started a boot
 
     def unused_before(self, block: AccelerationBlock) -> int:
@@ -101,8 +102,6 @@ class BootCounter:
         self.boot += 1
         self.also = len(blocks) - 1
         self._newest[self.boot] = blocks[-1]
-        if len(self._newest) > MOST_EARLIER:
-            del self._newest[next(iter(self._newest))]
         self._on_end.clear()
 
 

@@ -21,8 +21,9 @@ from hashlib import sha256
 from importlib import import_module
 from typing import Any, Protocol
 
+from sensors.bounded_dict import BoundedDict
+from sensors.extras import import_extra
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.lru import LruCache
 from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
 from sensors.feeds.payloads.frame import FRAME_MAGIC
 from sensors.feeds.payloads.frame_reader import FrameReader
@@ -79,7 +80,7 @@ class MqttFeed:
         self.counts = counts
         self._address, self._reader, self._once = address, reader, once
         self._client_id = address.options.get("client") or (_stable_id(address) if keeps else None)
-        self._aiomqtt = _aiomqtt()
+        self._aiomqtt = import_extra("aiomqtt", "mqtt", "MQTT", FeedError)
         self._is_5 = address.one_of("mqtt", ("3.1.1", "5")) == "5"
         self._qos = int(address.one_of("qos", ("1", "0", "2")))
         self._tls = _tls(address)
@@ -256,12 +257,12 @@ class ScadaMessages:
 
     def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
         self._reader, self._counts = reader, counts
-        self._times: LruCache[RisingTimes] = LruCache()  # by topic
+        self._times: BoundedDict[str, RisingTimes] = BoundedDict()  # by topic
 
     def read(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
         """Yield the samples that one message brings."""
         self._counts.received += 1
-        times = self._times.get(topic)
+        times = self._times.renewed(topic)
         if times is None:
             times = RisingTimes(self._counts)
             self._times.put(topic, times)
@@ -270,13 +271,6 @@ class ScadaMessages:
             if not isinstance(each, dict):
                 raise MessageError(f"{each!r:.40} is no report; an object is")
             yield from times.taken(self._reader.sample(each))
-
-
-def _aiomqtt() -> Any:
-    try:
-        return import_module("aiomqtt")
-    except ImportError as error:
-        raise FeedError("MQTT needs the extra `mqtt`: pip install 'pilewatch[mqtt]'") from error
 
 
 def _tls(address: FeedAddress) -> ssl.SSLContext | None:

@@ -125,5 +125,5 @@ def _read(path: Path | None) -> tuple[int, dict[str, int]]:
     except FileNotFoundError:
         return 0, {}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        logger.warning("%s is no feed's position and is begun again: %s", path, error)
+        logger.warning("%s is no feed's position; the feed starts afresh: %s", path, error)
         return 0, {}

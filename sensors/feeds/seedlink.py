@@ -45,11 +45,10 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 
+from sensors.extras import import_extra
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.timestamps import LATEST_NS
@@ -231,7 +230,7 @@ class SeedLinkFeed:
         self._stations = stations_of(address)
         for station in self._stations:
             station.sequence = self._position.sequences.get(station.key)
-        self._pymseed = _pymseed()
+        self._pymseed = import_extra("pymseed", "miniseed", "SeedLink", FeedError)
         self._version = 3
         self._once, self._quiet = once, quiet
 
@@ -363,7 +362,7 @@ async def _connection(
             asyncio.open_connection(host, port, ssl=tls), ANSWER
         )
     except TimeoutError as error:
-        raise LinkError(f"nobody answers within {ANSWER:g} s") from error
+        raise LinkError(f"no answer within {ANSWER:g} s") from error
     except OSError as error:
         raise LinkError(_reason(error)) from error
     try:
@@ -393,12 +392,3 @@ def _tls_context(address: FeedAddress) -> ssl.SSLContext | None:
         return ssl.create_default_context(cafile=address.options.get("ca"))
     except OSError as error:
         raise FeedError(f"{address.text}: ca={address.options.get('ca')}: {error}") from error
-
-
-def _pymseed() -> Any:
-    try:
-        return import_module("pymseed")
-    except ImportError as error:
-        raise FeedError(
-            "SeedLink needs the extra `miniseed`: pip install 'pilewatch[miniseed]'"
-        ) from error

@@ -90,6 +90,19 @@ class MappedChannel:
                 "e.g. unit = 'g' where it is in V per g"
             )
 
+    def accelerometer(self, unit: str) -> Accelerometer:
+        """Return what is published of the channel, of samples in that unit."""
+        x, y, z = (np.array(self.direction) / np.linalg.norm(self.direction)).tolist()
+        return Accelerometer(
+            self.name,
+            self.elevation,
+            (x, y, z),
+            self.coupling,
+            self.corner_frequency,
+            self.serial,
+            unit=unit,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class LayoutFile:
@@ -166,15 +179,7 @@ class LayoutFile:
             turbine=self.turbine,
             unit=self.unit,
             channels=tuple(
-                Accelerometer(
-                    channel.name,
-                    channel.elevation,
-                    _unit_vector(channel.direction),
-                    channel.coupling,
-                    channel.corner_frequency,
-                    channel.serial,
-                    unit=unit,
-                )
+                channel.accelerometer(unit)
                 for channel, unit in zip(self.channels, table.units, strict=True)
             ),
         )
@@ -345,8 +350,3 @@ def layout_template(table: ChannelTable) -> str:
 
 def _quantity(channel: MappedChannel) -> Quantity | None:
     return "displacement" if channel.quantity == "strain" else channel.quantity
-
-
-def _unit_vector(direction: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = (np.array(direction) / np.linalg.norm(direction)).tolist()
-    return x, y, z

@@ -5,9 +5,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, tzinfo
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -310,28 +309,6 @@ def quantity_named(name: str) -> Quantity | None:
             if word in words:
                 return quantity
     return None
-
-
-def require_module(module: str, extra: str, path: Path) -> Any:
-    """Return the module.
-
-    Parameters
-    ----------
-    path : Path
-        The file that is to be read.
-
-    Raises
-    ------
-    FileError
-        If it is missing; the message names the extra to install.
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        package = module.partition(".")[0]
-        raise FileError(
-            f"{path}: {package} is needed to read it; pip install 'pilewatch[{extra}]'"
-        ) from error
 
 
 @contextmanager

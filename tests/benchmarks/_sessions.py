@@ -7,7 +7,7 @@ from typing import Any
 
 from pipeline.app import Outputs, build
 from pipeline.monitoring.summary import SessionSummary
-from pipeline.runtime import runner
+from pipeline.runtime.lock_step import run_lock_step
 from pipeline.scenario import Scenario, load_scenario
 from pipeline.sources.sources import simulated
 from sensors.simulation.faults import Fault
@@ -56,7 +56,7 @@ def session(scenario: Scenario) -> SessionOutcome:
     source = simulated(scenario)
     summary = SessionSummary(source=source.text, turbine=source.layout.turbine)
     nodes = [plan.make() for plan in build(source.scenario, source.layout, Outputs())]
-    runner.run_lock_step(
+    run_lock_step(
         source.messages(),
         [*nodes, summary],
         turbine=source.layout.turbine,

@@ -19,7 +19,7 @@ import numpy as np
 
 from pipeline.messages import ModalEstimate
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import SeenWindow, sightings
+from pipeline.updating.evidence.observations import SeenWindow, mode_observations
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference, prior_stds
@@ -103,7 +103,7 @@ class FirstPeriod:
 def first_period(inference: JointInference, modal: Sequence[ModalEstimate]) -> FirstPeriod:
     """The joint posterior of these estimates and the evidence at each level."""
     windows = [
-        SeenWindow.of(each, sightings(each, LAYOUT.channel_names), each.water_level)
+        SeenWindow.of(each, mode_observations(each, LAYOUT.channel_names), each.water_level)
         for each in modal
     ]
     whole, levels = evidence_by_level(windows, ModalEvidence(channels=LAYOUT.channel_names))

@@ -156,6 +156,8 @@ def file_surveys(folder: Path, first: date, days: int, files_a_day: int) -> list
             layout_id=layout.layout_id,
             sampling_rate=RATE,
             n_channels=len(layout.channels),
+            n_blocks=blocks,
+            gaps=(),
             first_sample=number * length,
             next_sample=(number + 1) * length,
             first_sequence=number * blocks,

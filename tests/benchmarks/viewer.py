@@ -23,7 +23,7 @@ from pathlib import Path
 from pipeline.app import Outputs, build
 from pipeline.messages import Message, NodeStatus
 from pipeline.nodes.node import Node, NodeStatistics
-from pipeline.runtime.runner import run_lock_step
+from pipeline.runtime.lock_step import run_lock_step
 from pipeline.sources.recorded_stream import Playback
 from pipeline.sources.sources import Source, replayed
 from pipeline.viewer.outputs.outputs import RrdFile

@@ -1,14 +1,14 @@
 """What is raised for input that cannot be right, and for an extra that is not installed."""
 
-import importlib
-from types import ModuleType
+from typing import Any
 
 from sensors.errors import InputError
+from sensors.extras import import_extra
 
 __all__ = ["InputError", "require"]
 
 
-def require(package: str) -> ModuleType:
+def require(package: str) -> Any:
     """Import a package that only one method needs.
 
     Raises
@@ -16,7 +16,4 @@ def require(package: str) -> ModuleType:
     InputError
         If it is not installed; the message has the command that installs it.
     """
-    try:
-        return importlib.import_module(package)
-    except ImportError:
-        raise InputError(f"{package} is not installed: pip install 'pilewatch[notebook]'") from None
+    return import_extra(package, "notebook", "tables and plots")

@@ -118,11 +118,10 @@ class AlarmRules:
         self._books_keys = {key: alarm.turbine for key, alarm in found.items()}
 
     def _gap(self, gap: StreamGap) -> Iterator[AlarmCondition]:
-        seconds = (gap.end_ns - gap.start_ns) / NANOSECONDS
-        if seconds < self._settings.shortest_gap:
+        if gap.duration < self._settings.shortest_gap:
             return
         begin = moment_text(gap.start_ns)
-        length = _duration_text(seconds)
+        length = _duration_text(gap.duration)
         text = f"{length} of measurements of unit {gap.unit} are missing, from {begin} on"
         key = f"{gap.turbine}/gap/{gap.unit}"
         yield AlarmCondition(key, "gap", gap.turbine, text)
@@ -179,7 +178,7 @@ class AlarmRules:
         for node in self._run.health.nodes(now_ns):
             status = node.status
             lost = node.condition == "late" and node.silence > LOST_AFTER
-            text = f"node {status.node} has not been heard of for {_duration_text(node.silence)}"
+            text = f"node {status.node} has sent no status for {_duration_text(node.silence)}"
             yield _state(f"{status.turbine}/node/{status.node}", "node", status.turbine, text, lost)
 
 

@@ -56,7 +56,7 @@ def checked_channels(
         yield _checked(
             f"heartbeat-{number}",
             origin(each.url),
-            partial(post_json, each.webhook, ping, {}),
+            partial(post_json, each, ping, {}),
         )
 
 

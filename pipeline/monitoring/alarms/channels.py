@@ -32,6 +32,7 @@ from pipeline.monitoring.alarms.settings import (
     WebhookSettings,
     secret,
 )
+from sensors.extras import import_extra
 
 logger = logging.getLogger(__name__)
 
@@ -230,12 +231,7 @@ class Mqtt:
     """JSON with quality of service 1 under topic/TURBINE/KIND."""
 
     def __init__(self, name: str, settings: MqttSettings) -> None:
-        try:
-            import aiomqtt  # noqa: F401
-        except ImportError:
-            raise AlarmError(
-                "[[mqtt]] needs the extra `mqtt`: pip install 'pilewatch[mqtt]'"
-            ) from None
+        import_extra("aiomqtt", "mqtt", "[[mqtt]]", AlarmError)
         self.name = name
         self.place = f"{settings.host}:{settings.port}"
         self._settings = settings

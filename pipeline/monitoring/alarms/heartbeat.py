@@ -77,7 +77,7 @@ class AlarmHeartbeat(threading.Thread):
             return
         content: dict[str, Any] = {**self._place, "time_ns": now_ns, "open": pulse.open}
         try:
-            post_json(self._settings.webhook, content, {})
+            post_json(self._settings, content, {})
         except DeliveryFailed as failure:
             problem = str(failure)
         except Exception as error:  # noqa: BLE001  # why: no answer ends the pings

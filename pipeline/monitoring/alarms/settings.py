@@ -97,29 +97,16 @@ class WebhookSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class HeartbeatSettings:
+class HeartbeatSettings(WebhookSettings):
     """A section [[heartbeat]]: a ping whose absence raises an alarm at the receiver."""
 
-    url: str
-    """Final address, http or https; POSTed to."""
     period: float = 300.0
     """Time between two pings [s]."""
-    token_environment: str = ""
-    """Variable with a token, sent as `Authorization: Bearer …`."""
-    timeout: float = 10.0
-    """Deadline of a whole ping [s]."""
-    ca: str = ""
-    """PEM file of the authority of the server's certificate; "": the system's authorities."""
 
     def __post_init__(self) -> None:
-        _ = self.webhook
+        WebhookSettings.__post_init__(self)
         if not 1 <= self.period <= 86_400:
             raise AlarmError(f"period is {self.period} s; a heartbeat needs 1 to 86400 s")
-
-    @property
-    def webhook(self) -> WebhookSettings:
-        """The same address as a webhook."""
-        return WebhookSettings(self.url, self.token_environment, self.timeout, self.ca)
 
 
 @dataclass(frozen=True, slots=True)

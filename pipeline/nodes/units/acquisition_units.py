@@ -15,6 +15,7 @@ from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
+from sensors.bounded_dict import BoundedDict
 
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
 MARKS = 10_000  # of a unit's latest blocks: where a restart reads on
@@ -36,8 +37,9 @@ class AcquisitionUnit:
     def __init__(self, lateness: float) -> None:
         self.admission = BlockAdmission()
         self.monitor = BlockMonitor(lateness)
-        self.layouts: dict[str, SensorLayout] = {}  # by their ids, the latest last
-        self.ends: dict[str, StreamEnd] = {}  # by session: announced, blocks still missing
+        self.layouts = BoundedDict[str, SensorLayout](LATEST_OF_A_UNIT)  # by their ids
+        self.ends = BoundedDict[str, StreamEnd](LATEST_OF_A_UNIT)
+        """By session: announced, blocks still missing."""
         self.marks: deque[BlockMark] = deque(maxlen=MARKS)  # of the present boot
         # where the present boot was expected to begin; None: with its next block, after a restart
         self.beginning: Beginning | None = Beginning()
@@ -79,8 +81,6 @@ class AcquisitionUnit:
     def note_end(self, end: StreamEnd) -> None:
         """Remember that a session's end was announced."""
         self.ends[end.session] = end
-        for oldest in list(self.ends)[:-LATEST_OF_A_UNIT]:
-            del self.ends[oldest]
 
     def mark_before(self, needed: int) -> BlockMark | None:
         """Return the block that holds a sample, or the last one before it."""
@@ -125,13 +125,10 @@ class AcquisitionUnits:
 
     def note_layout(self, layout: SensorLayout) -> None:
         """Remember a unit's layout; the latest of each unit are kept."""
-        unit = self.named(layout.unit)
-        for layouts in (unit.layouts, self.layouts):
-            layouts.pop(layout.layout_id, None)
-            layouts[layout.layout_id] = layout
-        for oldest in list(unit.layouts)[:-LATEST_OF_A_UNIT]:
-            del unit.layouts[oldest]
-            self.layouts.pop(oldest, None)
+        oldest = self.named(layout.unit).layouts.put(layout.layout_id, layout)
+        if oldest is not None:
+            self.layouts.pop(oldest.layout_id, None)
+        self.layouts[layout.layout_id] = layout
 
     @property
     def latest_layouts(self) -> dict[str, SensorLayout]:

@@ -23,6 +23,7 @@ from pipeline.messages import QualityWarning
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR
 from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock, BlockMark
+from sensors.bounded_dict import BoundedDict
 
 STUBBORN = 5  # blocks on end that follow each other and not the last one taken
 MOST_CANDIDATES = 4  # sessions whose blocks are held
@@ -67,14 +68,14 @@ class BlockAdmission:
         self.boot = 0  # starts under the present session's name before this one
         self.conflicts: list[int] = []  # first samples that came with two contents in this boot
         self.sequence_jumps = 0  # block numbers that jumped where samples did not
-        self._boots: dict[str, int] = {}  # by session's name, the latest last
+        self._boots = BoundedDict[str, int](MOST_SESSION_NAMES)  # by session's name
         self._over: dict[BootKey, BlockMark] = {}  # last block taken of boots before this one
         self._second: set[BootKey] = set()  # of them, those of a second device
         self._began_ns = 0  # stamp with which the present boot began
         self._last: BlockMark | None = None
         self._ended = False  # the end of the present session was announced
         self._held: dict[str, list[AccelerationBlock]] = {}  # by session, in their order
-        self._refused_lately: dict[str, list[AccelerationBlock]] = {}  # by session, the last held
+        self._refused_lately = BoundedDict[str, list[AccelerationBlock]](MOST_CANDIDATES)
         self._on_end: Counter[str] = Counter()  # blocks of a session that follow each other
         self._contents: dict[int, int] = {}  # first sample → hash of samples, of this boot
         self._samples: dict[int, int] = {}  # hash of samples → first sample
@@ -134,7 +135,7 @@ class BlockAdmission:
         """Return what a restart needs, as JSON can say it."""
         return {
             "boot": self.boot,
-            "boots": self._boots,
+            "boots": dict(self._boots),
             "last": None if self._last is None else asdict(self._last),
             "began_ns": self._began_ns,
             "over": [[*key, asdict(mark), key in self._second] for key, mark in self._over.items()],
@@ -143,7 +144,7 @@ class BlockAdmission:
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` gave."""
         self.boot = int(state["boot"])
-        self._boots = {str(name): int(boot) for name, boot in state["boots"].items()}
+        self._boots.update(state["boots"])
         self._last = None if state["last"] is None else BlockMark(**state["last"])
         self._began_ns = int(state.get("began_ns", 0))
         for session, boot, mark, second in state.get("over", ()):
@@ -319,8 +320,6 @@ class BlockAdmission:
             self._second.discard(oldest)
         self.boot = self._boots.pop(name, -1) + 1
         self._boots[name] = self.boot
-        if len(self._boots) > MOST_SESSION_NAMES:
-            del self._boots[next(iter(self._boots))]
         if last is None or last.session != name or blocks[0].sequence <= last.sequence:
             return Beginning()
         # another rate or shape within the numbers of one boot
@@ -346,8 +345,6 @@ class BlockAdmission:
         if blocks:
             before = self._refused_lately.pop(blocks[-1].session, [])
             self._refused_lately[blocks[-1].session] = [*before, *blocks][-STUBBORN:]
-            if len(self._refused_lately) > MOST_CANDIDATES:
-                del self._refused_lately[next(iter(self._refused_lately))]
 
     def _drop_held(self) -> None:
         for blocks in self._held.values():

@@ -92,9 +92,11 @@ def needed_messages(past: Iterable[Message], marks: dict[str, BlockMark]) -> Ite
         Unit → its first block that is needed.
     """
     messages = list(past)
+    blocks = {n: each for n, each in enumerate(messages) if isinstance(each, AccelerationBlock)}
     first = {
         unit: max(
-            (n for n, each in enumerate(messages) if _is_marked(each, unit, mark)), default=None
+            (n for n, b in blocks.items() if b.unit == unit and BlockMark.of(b) == mark),
+            default=None,
         )
         for unit, mark in marks.items()
     }
@@ -114,12 +116,4 @@ def _follows(block: AccelerationBlock, mark: BlockMark) -> bool:
     return block.session == mark.session and (
         mark.first_sample < block.first_sample <= mark.first_sample + OVERTAKING * mark.n_samples
         and mark.start_ns < block.start_ns
-    )
-
-
-def _is_marked(message: Message, unit: str, mark: BlockMark) -> bool:
-    return (
-        isinstance(message, AccelerationBlock)
-        and message.unit == unit
-        and BlockMark.of(message) == mark
     )

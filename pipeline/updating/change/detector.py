@@ -13,7 +13,7 @@ from pipeline.updating.change.likelihood_ratios import (
     log_sum,
     stiffness_step,
 )
-from pipeline.updating.change.random_walk import WalkState, wandered
+from pipeline.updating.change.random_walk import WalkState, kalman_step
 from pipeline.updating.change.settings import ChangeSettings
 from pipeline.updating.change.sufficient_statistics import (
     UNCUT_MOMENTS,
@@ -102,12 +102,12 @@ class ChangeDetector:
             return state
         sums = with_tracks_of(state.sums, window)
         known = _padded(sensitivities, len(sums.tracks))
-        told = seen_in(sums, window)
+        observed = seen_in(sums, window)
         if window.level_std > 0:
-            window = with_level_from_modes(window, sums, told, known.water, state.last_level)
-        walk = wandered(state.walk, sums, window, told, apart_from_water(known, sums))
+            window = with_level_from_modes(window, sums, observed, known.water, state.last_level)
+        walk = kalman_step(state.walk, sums, window, observed, apart_from_water(known, sums))
         most = self.settings.candidates
-        sums = with_window(sums, window, told, known.water, most_candidates=most)
+        sums = with_window(sums, window, observed, known.water, most_candidates=most)
         return ChangeState(sums, walk, LastLevel(window.water_level, window.start_ns))
 
     def verdict(

@@ -112,21 +112,21 @@ def _weights(state: WalkState) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def wandered(
+def kalman_step(
     state: WalkState,
     sums: ChangeSums,
     window: WatchedWindow,
-    told: Seen,
+    observed: Seen,
     sensitivities: Sensitivities,
 ) -> WalkState:
     """The filters after one more window.
 
     sums            of the windows before it
-    told            the window by the sums' columns
+    observed        the window by the sums' columns
     sensitivities   of the sums' tracks
     """
     covariances = state.covariances + window.weight * WALKED
-    seen, errors, variances, levels = _from_the_mean(sums, window, told, sensitivities)
+    seen, errors, variances, levels = _from_the_mean(sums, window, observed, sensitivities)
     S = sensitivities.stiffness[seen]
     design = np.concatenate([S, S * levels[:, None]], axis=1)  # D, (n_seen, 6)
     expected = Mixture(_weights(state), state.means, covariances)
@@ -135,7 +135,7 @@ def wandered(
     share = window.weight / (window.weight + float(sums.shares.sum()))
     kept = 1 - share
     keep = np.array([kept, kept, kept, 1.0, 1.0, 1.0])
-    information, of_level = told.totals[:2].sum(axis=1)
+    information, of_level = observed.totals[:2].sum(axis=1)
     mean_level = of_level / information if information > 0 else window.water_level
     return WalkState(
         means=means * keep,
@@ -146,17 +146,17 @@ def wandered(
 
 
 def _from_the_mean(
-    sums: ChangeSums, window: WatchedWindow, told: Seen, sensitivities: Sensitivities
+    sums: ChangeSums, window: WatchedWindow, observed: Seen, sensitivities: Sensitivities
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """For every paired track seen before: its column, y − ȳ, the variance of that, l − l̄."""
-    totals = told.totals[:, told.columns]
-    known = (totals[0] > 0) & sensitivities.stiffness[told.columns].any(axis=1)
-    seen, values, totals = told.columns[known], told.values[known], totals[:, known]
+    totals = observed.totals[:, observed.columns]
+    known = (totals[0] > 0) & sensitivities.stiffness[observed.columns].any(axis=1)
+    seen, values, totals = observed.columns[known], observed.values[known], totals[:, known]
     slope, curvature = sensitivities.water[seen].T
     level, n = window.water_level, totals[0]
     (moment,) = reduced_moments(totals, sensitivities.water[seen], UNCUT_MOMENTS, 1)
     errors = values - (slope + curvature * level) * level - moment / n
-    variances = (told.variances[known] / window.weight + 1 / n) * sums.scatter_factor[seen]
+    variances = (observed.variances[known] / window.weight + 1 / n) * sums.scatter_factor[seen]
     return seen, errors, variances, level - totals[1] / n
 
 

@@ -241,8 +241,8 @@ def steps(sums: ChangeSums, water: FloatArray, moments: slice = CUT_MOMENTS) -> 
     pulled = (line.covariance[:, :, None] * c).sum(axis=1)  # A⁻¹ c
     h = c[0] - (c * pulled).sum(axis=0)
     g = r - (c * line.coefficients[:, None]).sum(axis=0)
-    told = (h > 1e-9 * c[0]) / sums.scatter_factor  # 0: the rounding of a track not seen before
-    return Steps(g * told, h * told)
+    known = (h > 1e-9 * c[0]) / sums.scatter_factor  # 0: the rounding of a track not seen before
+    return Steps(g * known, h * known)
 
 
 def before(sums: ChangeSums, candidate: int) -> FloatArray:
@@ -251,13 +251,18 @@ def before(sums: ChangeSums, candidate: int) -> FloatArray:
 
 
 def with_window(
-    sums: ChangeSums, window: WatchedWindow, told: Seen, water: FloatArray, *, most_candidates: int
+    sums: ChangeSums,
+    window: WatchedWindow,
+    observed: Seen,
+    water: FloatArray,
+    *,
+    most_candidates: int,
 ) -> ChangeSums:
     """The sums after one more window, in the form that `seen_in` returns."""
-    seen, values, variances = told.columns, told.values, told.variances
+    seen, values, variances = observed.columns, observed.values, observed.variances
     level, surroundings = window.water_level, window.surroundings
     scatter, last = _scatter(sums, seen, values, variances, window.weight)
-    line = Regression.of(told.totals, water, CUT_MOMENTS)
+    line = Regression.of(observed.totals, water, CUT_MOMENTS)
     predicted = surroundings @ line.coefficients + (water[:, 0] + water[:, 1] * level) * level
     spread = np.sqrt(line.variance(surroundings) + last[1] * scatter_factor(scatter))[seen]
     within = CUT * spread

@@ -25,7 +25,7 @@ from scipy.optimize import linear_sum_assignment
 
 from pipeline.messages import ModalEstimate
 from pipeline.updating.evidence.mode_evidence import ModeEvidence, PartnerInWater
-from pipeline.updating.evidence.observations import ModeObservation, SeenWindow, sightings
+from pipeline.updating.evidence.observations import ModeObservation, SeenWindow, mode_observations
 from sensors.arrays import FloatArray
 
 FOLLOWING_FREQUENCY_STD = 0.003  # relative scatter of one mode's f between windows [-]
@@ -90,7 +90,7 @@ def followed_by(modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation]) 
     cost = _nearest_squares(seen, modes) / _following_variance(seen, modes)
     cost += ((1 - _macs(seen, modes)) / FOLLOWING_MAC_SCALE) ** 2
     same_kind = np.equal.outer(
-        [sighting.close_pair for sighting in seen], [mode.close_pair for mode in modes]
+        [observation.close_pair for observation in seen], [mode.close_pair for mode in modes]
     )
     cost = np.where(same_kind, np.minimum(cost, FOLLOWING_REJECTION), FOLLOWING_REJECTION)
     followed = [-1] * len(seen)
@@ -102,7 +102,7 @@ def followed_by(modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation]) 
 
 def _nearest_squares(seen: Sequence[ModeObservation], modes: Sequence[ModeEvidence]) -> FloatArray:
     """(n_seen, n_modes) squared distances of ln f."""
-    logs = np.log([sighting.frequency for sighting in seen])
+    logs = np.log([observation.frequency for observation in seen])
     means = np.log([mode.frequency for mode in modes])
     last = np.log([mode.last_frequency for mode in modes])
     return np.minimum((logs[:, None] - means) ** 2, (logs[:, None] - last) ** 2)
@@ -112,7 +112,7 @@ def _following_variance(
     seen: Sequence[ModeObservation], modes: Sequence[ModeEvidence]
 ) -> FloatArray:
     """(n_seen, n_modes) variance of ln f between two windows of one mode."""
-    own = [np.linalg.norm(sighting.factor[0]) / sighting.frequency for sighting in seen]
+    own = [np.linalg.norm(observation.factor[0]) / observation.frequency for observation in seen]
     known = [mode.frequency_std / mode.frequency for mode in modes]
     variance = np.add.outer(np.square(own), np.square(known)) + FOLLOWING_FREQUENCY_STD**2
     return np.minimum(variance, WIDEST_FREQUENCY_STD**2)
@@ -120,7 +120,7 @@ def _following_variance(
 
 def _macs(seen: Sequence[ModeObservation], modes: Sequence[ModeEvidence]) -> FloatArray:
     """(n_seen, n_modes) MAC on the channels both have; 1 where there are none."""
-    shapes = np.array([sighting.shape for sighting in seen])[:, None]
+    shapes = np.array([observation.shape for observation in seen])[:, None]
     known = np.array([mode.shape for mode in modes])[None]
     common = np.isfinite(shapes) & np.isfinite(known)
     shapes, known = np.where(common, shapes, 0.0), np.where(common, known, 0.0)
@@ -155,23 +155,25 @@ class ModalEvidence:
 
         rise   of the water above the model's level [m]
         """
-        return self.with_window(SeenWindow.of(estimate, sightings(estimate, self.channels), rise))
+        return self.with_window(
+            SeenWindow.of(estimate, mode_observations(estimate, self.channels), rise)
+        )
 
     def with_window(self, seen: SeenWindow) -> "ModalEvidence":
         """The same from what one window saw."""
         window = self.n_windows + 1
         modes, n_tracks = list(self.modes), self.n_tracks
-        followed = followed_by(self.modes, seen.sightings)
-        returned = jumped_from(self.modes, seen.sightings, followed, window)
-        for number, jump, sighting in zip(followed, returned, seen.sightings, strict=True):
+        followed = followed_by(self.modes, seen.observations)
+        returned = jumped_from(self.modes, seen.observations, followed, window)
+        for number, jump, observation in zip(followed, returned, seen.observations, strict=True):
             if number >= 0:
                 known = modes[number]
             elif jump >= 0:
-                known = ModeEvidence.empty(sighting, modes[jump].track)
+                known = ModeEvidence.empty(observation, modes[jump].track)
             else:
-                known, n_tracks = ModeEvidence.empty(sighting, n_tracks), n_tracks + 1
-            updated = known.with_sighting(
-                sighting,
+                known, n_tracks = ModeEvidence.empty(observation, n_tracks), n_tracks + 1
+            updated = known.with_observation(
+                observation,
                 window=window,
                 weight=seen.weight,
                 joint_covariance=self.joint_covariance,

@@ -71,24 +71,24 @@ class ModeEvidence:
     damping_ratio: float = np.nan  # ζ, mean of these windows; NaN where unknown [-]
 
     @classmethod
-    def empty(cls, sighting: ModeObservation, track: int = 0) -> "ModeEvidence":
+    def empty(cls, observation: ModeObservation, track: int = 0) -> "ModeEvidence":
         """No information yet; identity and unit component of the first observation."""
-        n_rows = len(sighting.values)
+        n_rows = len(observation.values)
         return cls(
-            name=sighting.name,
-            unit_component=sighting.unit_component,
+            name=observation.name,
+            unit_component=observation.unit_component,
             information=np.zeros((n_rows, n_rows)),
             information_mean=np.zeros(n_rows),
             level_information=np.zeros((2, n_rows, n_rows)),
             track=track,
             n_windows=0,
             last_window=0,
-            close_pair=sighting.close_pair,
+            close_pair=observation.close_pair,
         )
 
-    def with_sighting(
+    def with_observation(
         self,
-        sighting: ModeObservation,
+        observation: ModeObservation,
         *,
         window: int,
         weight: float,
@@ -99,35 +99,37 @@ class ModeEvidence:
 
         rise   of the water above the model's level [m]
         """
-        sighting = sighting.normalised_to(self.unit_component)
-        known = np.flatnonzero(np.linalg.norm(sighting.factor, axis=1) > 0)
-        precision = weight * _precision(sighting.factor[known], sighting.n_blocks, joint_covariance)
+        observation = observation.normalised_to(self.unit_component)
+        known = np.flatnonzero(np.linalg.norm(observation.factor, axis=1) > 0)
+        precision = weight * _precision(
+            observation.factor[known], observation.n_blocks, joint_covariance
+        )
         information = self.information.copy()
         information[np.ix_(known, known)] += precision
         information_mean = self.information_mean.copy()
-        information_mean[known] += precision @ sighting.values[known]
+        information_mean[known] += precision @ observation.values[known]
         level_information = self.level_information.copy()
         level_information[0][np.ix_(known, known)] += rise * precision
         level_information[1][np.ix_(known, known)] += rise**2 * precision
         return replace(
             self,
-            name=sighting.name or self.name,
+            name=observation.name or self.name,
             information=information,
             information_mean=information_mean,
             level_information=level_information,
             n_windows=self.n_windows + 1,
             first_window=self.first_window if self.n_windows else window,
             last_window=window,
-            last_frequency=sighting.frequency,
-            last_frequency_std=float(np.linalg.norm(sighting.factor[0])),
-            damping_ratio=self._damping_with(sighting),
+            last_frequency=observation.frequency,
+            last_frequency_std=float(np.linalg.norm(observation.factor[0])),
+            damping_ratio=self._damping_with(observation),
         )
 
-    def _damping_with(self, sighting: ModeObservation) -> float:
+    def _damping_with(self, observation: ModeObservation) -> float:
         """Mean of ζ with one window more."""
         if self.n_windows == 0:
-            return sighting.damping_ratio
-        return self.damping_ratio + (sighting.damping_ratio - self.damping_ratio) / (
+            return observation.damping_ratio
+        return self.damping_ratio + (observation.damping_ratio - self.damping_ratio) / (
             self.n_windows + 1
         )
 

@@ -1,13 +1,14 @@
 """An estimate's modes as observations: on all channels of the layout, a close pair as one."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.modal_assurance import normalised_to, renormalised_factor
+from pipeline.updating.checkpoint import STORED_AS
 from sensors.arrays import FloatArray
 
 SMALLEST_UNIT_COMPONENT = 0.05  # of a largest component of 1: below, a shape cannot be rescaled
@@ -80,13 +81,13 @@ class SeenWindow:
     """hop / window duration [-]"""
     rise: float
     """Of the water above the model's level [m]; 0 where nothing reported it"""
-    sightings: tuple[ModeObservation, ...]
+    observations: tuple[ModeObservation, ...] = field(metadata={STORED_AS: "sightings"})
     level_known: bool = True
     """Whether anything reported the water's level"""
 
     @classmethod
     def of(
-        cls, estimate: ModalEstimate, sightings: Sequence[ModeObservation], rise: float
+        cls, estimate: ModalEstimate, observations: Sequence[ModeObservation], rise: float
     ) -> "SeenWindow":
         """The window of an estimate, with its modes as observations."""
         return cls(
@@ -94,12 +95,12 @@ class SeenWindow:
             duration=estimate.duration,
             weight=estimate.weight,
             rise=rise,
-            sightings=tuple(sightings),
+            observations=tuple(observations),
             level_known=bool(np.isfinite(estimate.water_level)),
         )
 
 
-def sightings(estimate: ModalEstimate, channels: Sequence[str]) -> list[ModeObservation]:
+def mode_observations(estimate: ModalEstimate, channels: Sequence[str]) -> list[ModeObservation]:
     """Every mode of an estimate on the layout's channels, the members of a close pair as one.
 
     Raises EstimateRefused for no mode at all, for a channel the layout doesn't have, and for a
@@ -118,12 +119,12 @@ def sightings(estimate: ModalEstimate, channels: Sequence[str]) -> list[ModeObse
     for number, mode in enumerate(estimate.modes):
         _check(mode)
         groups.setdefault(mode.pair_id or f"single {number}", []).append(mode)
-    return [_sighting(group, rows, 1 + len(channels)) for group in groups.values()]
+    return [_observation(group, rows, 1 + len(channels)) for group in groups.values()]
 
 
-def diagonal(sighting: ModeObservation) -> ModeObservation:
+def diagonal(observation: ModeObservation) -> ModeObservation:
     """The same with the variances alone of its covariance."""
-    return replace(sighting, factor=np.linalg.norm(sighting.factor, axis=1)[:, None])
+    return replace(observation, factor=np.linalg.norm(observation.factor, axis=1)[:, None])
 
 
 def _check(mode: Mode) -> None:
@@ -140,10 +141,10 @@ def _check(mode: Mode) -> None:
     )
 
 
-def _sighting(group: list[Mode], rows: NDArray[np.intp], n_rows: int) -> ModeObservation:
+def _observation(group: list[Mode], rows: NDArray[np.intp], n_rows: int) -> ModeObservation:
     mode = group[0]
     if len(group) > 1:
-        return _pair_sighting(group, n_rows)
+        return _pair_observation(group, n_rows)
     values = np.full(n_rows, np.nan)
     factor = np.zeros((n_rows, mode.covariance_factor.shape[1]))
     values[0], factor[0] = mode.frequency, mode.covariance_factor[0]
@@ -153,7 +154,7 @@ def _sighting(group: list[Mode], rows: NDArray[np.intp], n_rows: int) -> ModeObs
     )
 
 
-def _pair_sighting(group: list[Mode], n_rows: int) -> ModeObservation:
+def _pair_observation(group: list[Mode], n_rows: int) -> ModeObservation:
     """The mean frequency of a close pair: what is known of two modes nearer than their own
     standard deviation. Block columns are common to both, the others are each mode's own."""
     n_blocks = group[0].n_block_columns

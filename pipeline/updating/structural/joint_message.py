@@ -21,7 +21,7 @@ from pipeline.updating.acceptance import (
     contraction,
     mode_information,
     reduced_chi_square,
-    unidentified_doubts,
+    unidentified_springs,
     what_differs,
 )
 from pipeline.updating.likelihood.pairing import macs
@@ -89,7 +89,7 @@ def joint_message(
         paired_share=comparison.pairing.paired_share,
         pairing_cost=comparison.pairing.cost,
         trusted=not doubts,
-        warnings=(*doubts, *_misfits(pairs, found), *unidentified_doubts(parameters, guards)),
+        warnings=(*doubts, *_misfits(pairs, found), *unidentified_springs(parameters, guards)),
         figures=_figures(found),
         structure=UNCERTAIN_STRUCTURE,
         budget=_budget(found),

@@ -101,12 +101,14 @@ def _lines_needing_attention(statuses: Sequence[SessionStatus]) -> list[str]:
 
 
 def _row(status: SessionStatus) -> tuple[str, ...]:
-    lowest = min((mode.frequency for mode in status.modes), default=None)
-    *stiffness, used, until = _stiffness_cells(status.posterior)
+    state = status.state
+    modes = state.estimate.modes if state.estimate else ()
+    lowest = min((mode.frequency for mode in modes), default=None)
+    *stiffness, used, until = _stiffness_cells(state.posterior)
     return (
         *(status.turbine, _state(status), *stiffness),
         "–" if lowest is None else f"{lowest:.4f}",
-        *(used, str(status.n_rejected), str(status.n_gaps), until),
+        *(used, str(state.n_rejected), str(state.n_gaps), until),
     )
 
 

@@ -10,7 +10,6 @@ from pipeline.messages import (
     FoundationPosterior,
     Message,
     ModalEstimate,
-    Mode,
     NodeStatus,
     StreamGap,
     WindowRejected,
@@ -44,54 +43,29 @@ class SessionStatus:
         self._has_structure = has_structure
         self.turbine = turbine
         self._heading = f"{title} ({turbine})" if title and title != turbine else turbine
-        self._state = TurbineState(turbine, kept=_LISTED)
+        self.state = TurbineState(turbine, kept=_LISTED)
 
     def take(self, message: Message) -> None:
         """Take one message of the turbine into account."""
-        self._state.fold(message)
+        self.state.fold(message)
 
     def take_node(self, node: NodeStatus) -> bool:
         """Keep a node's status; return whether its state, losses or kinds of warnings changed."""
-        before = self._state.statuses.get(node.node)
-        self._state.fold(node)
+        before = self.state.statuses.get(node.node)
+        self.state.fold(node)
         return before is None or _reported_state(before) != _reported_state(node)
-
-    @property
-    def posterior(self) -> FoundationPosterior | None:
-        """The latest posterior."""
-        return self._state.posterior
-
-    @property
-    def modes(self) -> tuple[Mode, ...]:
-        """Modes of the latest identified window."""
-        return () if self._state.estimate is None else self._state.estimate.modes
-
-    @property
-    def n_rejected(self) -> int:
-        """Number of rejected windows."""
-        return self._state.rejections.total()
-
-    @property
-    def n_gaps(self) -> int:
-        """Number of gaps in the stream."""
-        return self._state.received[StreamGap.__name__]
 
     @property
     def _event(self) -> FoundationEvent | None:
         """The latest change."""
-        return self._state.events[-1] if self._state.events else None
+        return self.state.events[-1] if self.state.events else None
 
     def _change(self) -> list[str]:
         if self._event is None:
             return []
-        revised = self._state.revised_size(self._event)
+        revised = self.state.revised_size(self._event)
         first = f"**Changed:** {self._event.text}"
         return [first] if revised is None else [first, revised.text]
-
-    @property
-    def _missing(self) -> float:
-        """Measured time that is missing [s]."""
-        return sum(unit.missing_ns for unit in self._state.units.values()) / NANOSECONDS
 
     @property
     def indicators(self) -> tuple[StatusIndicator, StatusIndicator, StatusIndicator]:
@@ -113,31 +87,31 @@ class SessionStatus:
         return "\n\n".join([*self._windows(), *self._node_table()])
 
     def _measurements_indicator(self) -> StatusIndicator:
-        lost = sum(node.lost for node in self._state.statuses.values())
-        if self.n_gaps or lost:
-            text = f"measurements: {count_noun(self.n_gaps, 'gap')}"
+        lost = sum(node.lost for node in self.state.statuses.values())
+        if self.state.n_gaps or lost:
+            text = f"measurements: {count_noun(self.state.n_gaps, 'gap')}"
             return StatusIndicator("warning", text + f", {lost} lost" * bool(lost))
-        if self._state.estimate is None and not self._state.rejections:
+        if self.state.estimate is None and not self.state.rejections:
             return StatusIndicator("unknown", "measurements: no complete window yet")
         return StatusIndicator("good", "measurements: complete")
 
     def _modes_indicator(self) -> StatusIndicator:
-        last = self._state.last_answer
+        last = self.state.last_answer
         if isinstance(last, WindowRejected) and last.code != CUT_SHORT:
             return StatusIndicator("bad", "modes: the last window was rejected")
-        if self._state.estimate is None:
+        if self.state.estimate is None:
             return StatusIndicator("unknown", "modes: none yet")
-        found = count_noun(len(self._state.estimate.modes), "mode")
-        if codes := {each.code: None for each in self._state.estimate.warnings}:
+        found = count_noun(len(self.state.estimate.modes), "mode")
+        if codes := {each.code: None for each in self.state.estimate.warnings}:
             return StatusIndicator("warning", f"{found}; {', '.join(codes)}")
         return StatusIndicator("good", f"{found} in the last window")
 
     def _foundation_indicator(self) -> StatusIndicator:
         if not self._has_structure:
             return StatusIndicator("unknown", "foundation: no structural model")
-        if self._state.posterior is None:
+        if self.state.posterior is None:
             return StatusIndicator("unknown", "foundation: no posterior yet")
-        if not self._state.posterior.trusted:
+        if not self.state.posterior.trusted:
             return StatusIndicator("bad", "foundation: NOT TRUSTED")
         if self._event is not None:
             return StatusIndicator(
@@ -146,11 +120,11 @@ class SessionStatus:
         return StatusIndicator("good", "foundation: known")
 
     def _summary(self) -> str:
-        posterior = self._state.posterior
+        posterior = self.state.posterior
         if not self._has_structure:
-            if self._state.estimate is None:
+            if self.state.estimate is None:
                 return "Modes only: no window is identified yet."
-            found = frequencies_text([mode.frequency for mode in self._state.estimate.modes])
+            found = frequencies_text([mode.frequency for mode in self.state.estimate.modes])
             return f"Modes only: {found} in the last window."
         if posterior is None:
             return "No posterior yet: it comes with the first window whose modes are paired."
@@ -163,14 +137,14 @@ class SessionStatus:
         )
 
     def _foundation(self) -> list[str]:
-        posterior = self._state.posterior
+        posterior = self.state.posterior
         if posterior is None:
             return []
         rows = ["| ÷ nominal | median | 90 % interval | truth |", "|---|---|---|---|"]
         for name in STIFFNESSES:
             k = posterior.parameter(name)
             median, low, high = ratios(k)
-            true = self._state.truth
+            true = self.state.truth
             truth = f"{getattr(true, name) / k.nominal:.3f}" if true else "–"
             rows.append(f"| {name} | {median:.3f} | {low:.3f} … {high:.3f} | {truth} |")
         sigma = posterior.parameter("sigma")
@@ -186,32 +160,27 @@ class SessionStatus:
         return ["\n".join(rows), fit]
 
     def _windows(self) -> list[str]:
-        found = (
-            f", {len(self._state.estimate.modes)} modes in the last" if self._state.estimate else ""
-        )
+        state = self.state
+        found = f", {len(state.estimate.modes)} modes in the last" if state.estimate else ""
         lines = [
-            f"- {self._state.received[ModalEstimate.__name__]} identified{found}",
+            f"- {state.received[ModalEstimate.__name__]} identified{found}",
             self._rejected_line(),
+            *(f"  - {clock_time(window.start_ns)}: {window.reason}" for window in state.rejected),
+            f"- {count_noun(state.n_gaps, 'gap')} in the stream, {state.missing:.1f} s in all",
+            *(f"  - {gap_text(gap)}" for gap in state.gaps),
         ]
-        lines += [
-            f"  - {clock_time(window.start_ns)}: {window.reason}" for window in self._state.rejected
-        ]
-        lines.append(
-            f"- {count_noun(self.n_gaps, 'gap')} in the stream, {self._missing:.1f} s in all"
-        )
-        lines += [f"  - {gap_text(gap)}" for gap in self._state.gaps]
         return ["#### Windows", "\n".join(lines)]
 
     def _rejected_line(self) -> str:
         """'- 7 rejected, or identified and not used: 3 × gap, …; the last 5:'."""
-        if not self.n_rejected:
+        if not self.state.n_rejected:
             return "- 0 rejected"
-        listed = f"; the last {_LISTED}:" if self.n_rejected > _LISTED else ""
-        codes = codes_in_words(self._state.rejections)  # some of windows that count as identified
-        return f"- {self.n_rejected} rejected, or identified and not used: {codes}{listed}"
+        listed = f"; the last {_LISTED}:" if self.state.n_rejected > _LISTED else ""
+        codes = codes_in_words(self.state.rejections)  # some of windows that count as identified
+        return f"- {self.state.n_rejected} rejected, or identified and not used: {codes}{listed}"
 
     def _warnings(self) -> list[str]:
-        results = (self._state.estimate, self._state.posterior)
+        results = (self.state.estimate, self.state.posterior)
         warnings = [warning for result in results if result for warning in result.warnings]
         if not warnings:
             return []
@@ -221,17 +190,17 @@ class SessionStatus:
         ]
 
     def _node_table(self) -> list[str]:
-        if not self._state.statuses:
+        if not self.state.statuses:
             return []
         rows = ["| node | state | lost | late | duplicate | malformed | busy |", "|---" * 7 + "|"]
         rows += [
             f"| {node.node} | {node.state} | {node.lost} | {node.late} | {node.duplicate} "
             f"| {node.malformed} | {node.busy_s:.1f} s |"
-            for _, node in sorted(self._state.statuses.items())
+            for _, node in sorted(self.state.statuses.items())
         ]
         listed = [  # as code: untrusted text makes neither links nor pictures
             f"- {node.node}: `{warning.text.replace('`', '´')}`"
-            for _, node in sorted(self._state.statuses.items())
+            for _, node in sorted(self.state.statuses.items())
             for warning in node.warnings
         ]
         return ["#### Nodes", "\n".join(rows), *(["\n".join(listed)] if listed else [])]

@@ -114,7 +114,7 @@ class Assembler:
         if rate is None and len(piece.samples) == 1:
             rate = self._finder.rate(piece.stream, piece.start_ns)
         if rate is None and len(self._early) > MOST_EARLY:
-            self._counts.refuse(f"{piece.stream} tells no sampling rate; the option rate= says it")
+            self._counts.refuse(f"{piece.stream} has no sampling rate; give the option rate=")
             self._early.clear()
         return rate
 

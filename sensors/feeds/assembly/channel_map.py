@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.acquisition.layout import Accelerometer, SensorLayout
+from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.feeds.protocol import ChannelSamples
 from sensors.files.layout_file import LayoutFile, MappedChannel
@@ -64,20 +64,10 @@ def sensor_layout(layout: FeedLayout) -> SensorLayout:
         layout.layout_id,
         turbine=layout.turbine,
         unit=layout.unit,
-        channels=tuple(_accelerometer(channel) for channel in layout.channels),
-    )
-
-
-def _accelerometer(channel: MappedChannel) -> Accelerometer:
-    x, y, z = (np.array(channel.direction) / np.linalg.norm(channel.direction)).tolist()
-    return Accelerometer(
-        channel.name,
-        channel.elevation,
-        (x, y, z),
-        channel.coupling,
-        channel.corner_frequency,
-        channel.serial,
-        unit=in_standard_unit(channel.unit or UNSAID)[0],
+        channels=tuple(
+            channel.accelerometer(in_standard_unit(channel.unit or UNSAID)[0])
+            for channel in layout.channels
+        ),
     )
 
 

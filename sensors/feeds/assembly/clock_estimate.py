@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS, RATE_TOLERANCE
-from sensors.feeds.lru import LruCache
+from sensors.bounded_dict import BoundedDict
 from sensors.files.table import rate_of_stamps
 
 # Samples over which the clock follows the stamps: a drift of 100 ppm is followed within a tenth of
@@ -73,11 +73,11 @@ class RateFinder:
     """The sampling rate of samples that come one by one with their stamps."""
 
     def __init__(self) -> None:
-        self._stamps: LruCache[list[int]] = LruCache()  # by stream [ns]
+        self._stamps: BoundedDict[str, list[int]] = BoundedDict()  # by stream [ns]
 
     def rate(self, stream: str, time_ns: int) -> float | None:
         """Take note of a stamp; the rate [Hz] when one stream has shown enough of them."""
-        stamps = self._stamps.get(stream)
+        stamps = self._stamps.renewed(stream)
         if stamps is None:
             stamps = []
             self._stamps.put(stream, stamps)

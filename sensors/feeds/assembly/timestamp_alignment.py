@@ -18,11 +18,11 @@ from sensors.acquisition.blocks import (
     BlockStatus,
 )
 from sensors.arrays import FloatArray
+from sensors.bounded_dict import BoundedDict
 from sensors.feeds.assembly.block_builder import RowCutter, SessionNames
 from sensors.feeds.assembly.channel_map import LayoutColumns
 from sensors.feeds.assembly.channel_source import ChannelSources
 from sensors.feeds.assembly.clock_estimate import UnitClock
-from sensors.feeds.lru import LruCache
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
 AGREEING_LEAPS = 3  # messages in a row whose stamps leap to the same place
@@ -139,7 +139,7 @@ class TimestampAligner:
         self._columns, self._counts = columns, counts
         self._rate, self._wait = rate, round(wait * rate)
         self._cutter = RowCutter(columns.layout, rate, size, sessions)
-        self._streams: LruCache[_Stream] = LruCache()
+        self._streams: BoundedDict[str, _Stream] = BoundedDict()
         self._owners = ChannelSources()
         self._begin(first)
 
@@ -170,7 +170,7 @@ class TimestampAligner:
             yield from self._believe(stream)
 
     def _stream(self, name: str) -> _Stream:
-        stream = self._streams.get(name)
+        stream = self._streams.renewed(name)
         if stream is None:
             stream = _Stream()
             forgotten = self._streams.put(name, stream)

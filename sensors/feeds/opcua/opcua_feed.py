@@ -31,6 +31,7 @@ from importlib import import_module
 from typing import Any, Protocol
 
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.extras import import_extra
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.opcua.history import NamedValue, history
 from sensors.feeds.opcua.nodes import SeenVariable, declared_nodes, found_nodes, variables_of
@@ -186,7 +187,8 @@ class OpcUaFeed:
     ) -> None:
         self.name = address.text
         self.counts, self._reader = counts, reader
-        self._asyncua, self._ua = _asyncua()
+        self._asyncua = import_extra("asyncua", "opcua", "OPC UA", FeedError)
+        self._ua = import_module("asyncua.ua")
         self._address, self._names, self._once = address, tuple(names), once
         self._position = position or FeedPosition(None)
         self._declared = declared_nodes(address.options.get("nodes", ""), self._names)
@@ -332,10 +334,3 @@ def _sentence(error: Exception) -> str:
     )  # asyncio puts the address where the system's words belong
     words = os.strerror(number) if number and number > 0 else str(error)
     return " ".join(words.split()) or type(error).__name__
-
-
-def _asyncua() -> tuple[Any, Any]:
-    try:
-        return import_module("asyncua"), import_module("asyncua.ua")
-    except ImportError as error:
-        raise FeedError("OPC UA needs the extra `opcua`: pip install 'pilewatch[opcua]'") from error

@@ -10,7 +10,7 @@ import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS, BlockStatus
 from sensors.acquisition.scada import ScadaSample
-from sensors.feeds.lru import LruCache
+from sensors.bounded_dict import BoundedDict
 from sensors.feeds.payloads.json_samples import MessageError
 from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
 from sensors.feeds.payloads.timestamps import LATEST_NS
@@ -152,7 +152,7 @@ class ScadaValueReader:
     def __init__(self, reader: ScadaReader, counts: FeedCounts) -> None:
         self.newest_ns: dict[str, int] = {}  # stays empty: no history is read
         self._reader, self._counts = reader, counts
-        self._times: LruCache[RisingTimes] = LruCache()
+        self._times: BoundedDict[str, RisingTimes] = BoundedDict()
 
     def pass_over_known(self) -> None:
         """Nothing to do: late and duplicate reports are left out by their times."""
@@ -163,7 +163,7 @@ class ScadaValueReader:
         time_ns = stamp_ns(value)
         if time_ns is None or value.StatusCode.is_bad():
             return
-        times = self._times.get(name)
+        times = self._times.renewed(name)
         if times is None:
             times = RisingTimes(self._counts)
             self._times.put(name, times)

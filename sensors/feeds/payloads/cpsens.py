@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS, BlockStatus
-from sensors.feeds.lru import LruCache
+from sensors.bounded_dict import BoundedDict
 from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.json_samples import MessageError, json_of, named_by
 from sensors.feeds.payloads.sequence_numbers import SenderNumbers
@@ -99,8 +99,8 @@ class CpSensReader:
         self._numbers = SenderNumbers(counts)
         self._default = ChannelMetadata(sampling_rate) if sampling_rate else None
         self._clock = clock
-        self._metadata: LruCache[ChannelMetadata] = LruCache()  # by channel's topic
-        self._arrival: LruCache[tuple[int, int]] = LruCache()  # a sample's number, its time [ns]
+        self._metadata: BoundedDict[str, ChannelMetadata] = BoundedDict()  # by channel's topic
+        self._arrival: BoundedDict[str, tuple[int, int]] = BoundedDict()  # number and time [ns]
 
     def read(self, payload: bytes, topic: str) -> ChannelSamples | None:
         """The samples of a message; None of metadata and of what is counted instead.
@@ -111,7 +111,7 @@ class CpSensReader:
         if topic.endswith("/metadata"):
             self._metadata.put(base, metadata_of(json_of(payload)))
             return None
-        metadata = self._metadata.get(base) or self._default
+        metadata = self._metadata.renewed(base) or self._default
         if metadata is None:
             raise MessageError("no metadata yet: its sampling rate is not known; or say ?rate=")
         descriptor = descriptor_of(payload)
@@ -154,7 +154,7 @@ class CpSensReader:
             return descriptor.time_ns, BlockStatus.OK
         if metadata.started_ns is not None:
             return metadata.started_ns + since, BlockStatus.OK
-        before, time_ns = self._arrival.get(base) or (-1, 0)
+        before, time_ns = self._arrival.renewed(base) or (-1, 0)
         if descriptor.first_sample < before or before < 0:  # the first, or a restart
             time_ns = self._clock() - since
         self._arrival.put(base, (descriptor.first_sample, time_ns))

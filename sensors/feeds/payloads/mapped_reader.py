@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sensors.feeds.lru import LruCache
+from sensors.bounded_dict import BoundedDict
 from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.json_samples import MessageError, json_of
 from sensors.feeds.payloads.mapping import TIME_UNITS, Paths, PayloadMapping, looked_up
@@ -106,7 +106,7 @@ class MappedReader:
         self._rename = dict(each.split("=", 1) for each in mapping.rename if "=" in each)
         self._numbers = SenderNumbers(counts)
         self._sparkplug = SparkplugDecoder()
-        self._unwrapped: LruCache[int] = LruCache()
+        self._unwrapped: BoundedDict[str, int] = BoundedDict()
 
     def read(self, payload: bytes, topic: str) -> Iterator[ChannelSamples]:
         """The samples of a message, one piece a time and unit.
@@ -243,7 +243,7 @@ class MappedReader:
         sender = _sender(topic, self._mapping) + (f" {owner}" if owner else "")
         sequence, modulus = int(written), self._mapping.sequence_modulus
         if modulus:
-            last = self._unwrapped.get(sender) or 0
+            last = self._unwrapped.renewed(sender) or 0
             half = modulus // 2  # the nearest number that is written so
             sequence = max(sequence, last + (sequence - last + half) % modulus - half)
             self._unwrapped.put(sender, max(sequence, last))

@@ -2,7 +2,7 @@
 
 from enum import Enum
 
-from sensors.feeds.lru import LruCache
+from sensors.bounded_dict import BoundedDict
 from sensors.feeds.protocol import FeedCounts
 
 WATCHED = 4096  # newest numbers of which it is known one by one whether they came
@@ -93,12 +93,12 @@ class SenderNumbers:
 
     def __init__(self, counts: FeedCounts, *, rising: bool = False) -> None:
         self._counts, self._rising = counts, rising
-        self._watches: LruCache[SequenceMonitor] = LruCache()
+        self._watches: BoundedDict[str, SequenceMonitor] = BoundedDict()
 
     def follows(self, sender: str, sequence: int, session: int = 0, *, time_ns: int) -> bool | None:
         """Whether a message is directly behind its sender's last; None: it is not to be taken,
         and counted."""
-        watch = self._watches.get(sender)
+        watch = self._watches.renewed(sender)
         if watch is None:
             watch = SequenceMonitor(rising=self._rising)
             self._watches.put(sender, watch)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sensors.feeds.lru import LruCache
+from sensors.bounded_dict import BoundedDict
 from sensors.feeds.payloads.json_samples import LARGEST_JSON, MessageError
 
 NAMESPACE = "spBv1.0"
@@ -32,7 +32,7 @@ class SparkplugDecoder:
     """Remembers the names that nodes give their aliases."""
 
     def __init__(self) -> None:
-        self._aliases: LruCache[LruCache[str]] = LruCache()  # by node and device
+        self._aliases: BoundedDict[str, BoundedDict[str, str]] = BoundedDict()  # by node and device
 
     def decoded(self, topic: str, payload: bytes) -> dict[str, Any]:
         """A payload as {"timestamp", "seq", "metrics": [{"name", "timestamp", "value"}]}.
@@ -49,9 +49,9 @@ class SparkplugDecoder:
         if kind not in ("NBIRTH", "DBIRTH", "NDATA", "DDATA"):
             return {"metrics": []}  # deaths, commands, states: no samples
         source = "/".join((levels[1], *levels[3:]))
-        aliases = self._aliases.get(source)
+        aliases = self._aliases.renewed(source)
         if aliases is None or kind.endswith("BIRTH"):
-            aliases = LruCache[str](MOST_ALIASES)
+            aliases = BoundedDict[str, str](MOST_ALIASES)
             self._aliases.put(source, aliases)
         content: dict[str, Any] = {"metrics": []}
         for field, value in _fields(payload):
@@ -64,14 +64,14 @@ class SparkplugDecoder:
         return content
 
 
-def _metric(encoded: bytes, aliases: LruCache[str]) -> dict[str, Any] | None:
+def _metric(encoded: bytes, aliases: BoundedDict[str, str]) -> dict[str, Any] | None:
     """None for one without a name or a number."""
     fields = dict(_fields(encoded))
     written, alias = fields.get(1), fields.get(2)
     name = written.decode("utf-8", "replace") if isinstance(written, bytes) else ""
     if name and isinstance(alias, int):
         aliases.put(str(alias), name)
-    name = name or aliases.get(str(alias)) or ""
+    name = name or aliases.renewed(str(alias)) or ""
     number = None if fields.get(7) else _number(fields)
     if not name or number is None:
         return None

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.extras import import_extra
 from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, readable, require_file, require_module
+from sensors.files.table import FileError, readable, require_file
 
 SCALE_NOTES = ("scale_factor", "scale")
 SHIFT = ("add_offset", "offset")
@@ -30,7 +31,7 @@ def read_hdf5(path: Path) -> list[Sep005Channel]:
     FileError
         If it is missing, damaged or holds none, or h5py is not installed.
     """
-    h5py = require_module("h5py", "hdf5", path)
+    h5py = import_extra("h5py", "hdf5", str(path), FileError)
     damage = (OSError, RuntimeError, KeyError, TypeError, ValueError)
     with readable(path, "HDF5 file", *damage), h5py.File(require_file(path), "r") as file:
         arrays = _arrays(file, "", {}, h5py, path)

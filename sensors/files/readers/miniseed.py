@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.extras import import_extra
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, readable, require_file, require_module
+from sensors.files.table import FileError, readable, require_file
 
 INSTRUMENTS = {"N": "a", "H": "v", "L": "v", "P": "v"}
 
@@ -31,7 +32,7 @@ def read_miniseed(path: Path) -> list[Sep005Channel]:
         If it is missing, damaged or holds none, parts of a channel contradict each other, or
         obspy is not installed.
     """
-    obspy = require_module("obspy", "miniseed", path)
+    obspy = import_extra("obspy", "miniseed", str(path), FileError)
     stream = _read(obspy, require_file(path))
     for trace in [each for each in stream if each.data.dtype.kind not in "iuf"]:
         stream.remove(trace)  # a log

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from sensors.extras import import_extra
 from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, readable, require_file, require_module
+from sensors.files.table import FileError, readable, require_file
 
 TDMS_DAMAGE = (
     *(OSError, ValueError, LookupError, EOFError, struct.error, NotImplementedError),
@@ -31,7 +32,7 @@ def read_tdms(path: Path) -> list[Sep005Channel]:
     FileError
         If it is missing, damaged or holds none, or npTDMS is not installed.
     """
-    nptdms = require_module("nptdms", "tdms", path)
+    nptdms = import_extra("nptdms", "tdms", str(path), FileError)
     logging.getLogger("nptdms").setLevel(logging.ERROR)  # a cut file is reported below, once
     require_file(path)
     with readable(path, "TDMS file", *TDMS_DAMAGE), nptdms.TdmsFile.open(path) as file:

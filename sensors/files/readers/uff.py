@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from sensors.extras import import_extra
 from sensors.files.sep005 import Sep005Channel
-from sensors.files.table import FileError, readable, require_file, require_module
+from sensors.files.table import FileError, readable, require_file
 
 DELIMITER = b"    -1"  # before and behind every dataset
 TIME_RESPONSE = 1  # `func_type`
@@ -43,7 +44,7 @@ def read_uff(path: Path) -> list[Sep005Channel]:
     FileError
         If the file is missing, damaged or holds no time response, or pyuff is not installed.
     """
-    pyuff = require_module("pyuff", "uff", path)
+    pyuff = import_extra("pyuff", "uff", str(path), FileError)
     if (
         not require_file(path).read_bytes().rstrip().endswith(DELIMITER)
     ):  # pyuff drops a part in silence

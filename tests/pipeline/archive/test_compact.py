@@ -8,7 +8,7 @@ import pytest
 from pipeline.archive.compact import kept_estimate, restored_estimate, triangular
 from pipeline.messages import ModalEstimate, Mode
 from pipeline.transport.codec import encode
-from pipeline.updating.evidence.observations import sightings
+from pipeline.updating.evidence.observations import mode_observations
 
 CHANNELS = tuple(f"channel {i + 1}" for i in range(8))
 
@@ -44,10 +44,10 @@ def test_a_kept_estimate_has_the_covariance_of_each_mode(estimate: ModalEstimate
 
 def test_a_close_pair_is_seen_as_before(estimate: ModalEstimate) -> None:
     """The variance of its mean frequency needs the covariance between its members."""
-    (before,) = [each for each in sightings(estimate, CHANNELS) if each.close_pair]
+    (before,) = [each for each in mode_observations(estimate, CHANNELS) if each.close_pair]
     (after,) = [
         each
-        for each in sightings(restored_estimate(kept_estimate(estimate)), CHANNELS)
+        for each in mode_observations(restored_estimate(kept_estimate(estimate)), CHANNELS)
         if each.close_pair
     ]
 

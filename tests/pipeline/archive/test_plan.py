@@ -41,6 +41,8 @@ def part(
         layout_id="l",
         sampling_rate=RATE,
         n_channels=8,
+        n_blocks=n_samples // 10,
+        gaps=(),
         first_sample=first,
         next_sample=first + n_samples,
         first_sequence=first // 10,

@@ -13,7 +13,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.monitoring.summary import SessionSummary
-from pipeline.nodes.statistics import NodeAccount
+from pipeline.runtime.lock_step import NodeAccount
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import START_NS, block, status
 from tests.pipeline.state.test_run_modes import WINDOW, estimate, mode

@@ -7,8 +7,8 @@ import pytest
 from pipeline.app import Outputs, build
 from pipeline.messages import Message, ModalEstimate, WindowRejected
 from pipeline.nodes.node import NodeStatistics
-from pipeline.nodes.sharding import Shard, ShardedNode, ShardError, of_kind, parsed_shard
-from pipeline.runtime.runner import run_lock_step
+from pipeline.nodes.sharding import Shard, ShardedNode, ShardError, parsed_shard
+from pipeline.runtime.lock_step import run_lock_step
 from pipeline.scenario import scenario_from_text
 from pipeline.sources.sources import simulated
 from sensors.acquisition.blocks import AccelerationBlock
@@ -71,8 +71,8 @@ def test_a_share_answers_its_own_turbines_and_keeps_the_nodes_books() -> None:
     names = ("t1", "t2")
     first, second = (ShardedNode(Echo(), Shard(n, 2, names)) for n in (1, 2))
     assert first.name == "updating-1-of-2"
-    assert of_kind(first.name, "updating")
-    assert not of_kind("updating-1-of-2", "identification")
+    assert status(first.name).is_of("updating")
+    assert not status(first.name).is_of("identification")
     assert list(first.handle(block(0, turbine="t1")))
     assert not list(second.handle(block(0, turbine="t1")))
     assert list(second.handle(status("updating")))

@@ -120,8 +120,8 @@ def test_nodes_of_the_turbines_that_were_heard_most_are_kept() -> None:
         list(node.handle(estimate(f"forged {number}")))
     assert made[0].taken == 20
     assert sum(not each.finished for each in made) == len(node.members) == 4
-    (doubt,) = node.statistics.warnings
-    assert doubt.text == "more than 4 turbines: 17 times the least heard one was let go"
+    (warning,) = node.statistics.warnings
+    assert warning.text == "more than 4 turbines: 17 times the one with fewest messages went"
 
 
 def estimate(turbine: str) -> ModalEstimate:

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from pipeline.messages import RecordedUntil, StreamEnd, WindowRejected
-from pipeline.nodes.statistics import NodeAccount
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.latest_messages import latest_payloads
 from pipeline.recording.mcap_file import counted_in_summary
@@ -18,6 +17,7 @@ from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.rotation import next_part, parts_of, raw_files, thin
 from pipeline.recording.session_recorder import SYNCED_EVERY, SessionRecorder
 from pipeline.recording.settings import RecordingSettings
+from pipeline.runtime.lock_step import NodeAccount
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout

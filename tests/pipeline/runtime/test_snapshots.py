@@ -10,8 +10,8 @@ import pytest
 
 from pipeline.messages import FoundationPosterior, Message
 from pipeline.nodes.node import NodeSnapshot
-from pipeline.nodes.statistics import NodeAccount
 from pipeline.nodes.updating import LATEST_ANSWERS, TurbineUpdating, UpdatingNode
+from pipeline.runtime.lock_step import NodeAccount
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.transport.codec import encode
 from pipeline.updating.checkpoint import CheckpointError

@@ -34,9 +34,9 @@ def test_the_indicators_are_the_same_from_few_windows_as_from_all() -> None:
     status_of_all = SessionStatus("t1")
     for message in session():
         status_of_all.take(message)
-    assert len(status_of_all._state.estimates) <= 5 < len(folded().turbine("t1").estimates)
-    assert status_of_all.n_rejected == folded().turbine("t1").rejections.total()
-    assert status_of_all.n_gaps == len(folded().turbine("t1").gaps)
+    assert len(status_of_all.state.estimates) <= 5 < len(folded().turbine("t1").estimates)
+    assert status_of_all.state.n_rejected == folded().turbine("t1").rejections.total()
+    assert status_of_all.state.n_gaps == len(folded().turbine("t1").gaps)
 
 
 def test_the_books_of_a_farm_are_those_of_its_turbines() -> None:

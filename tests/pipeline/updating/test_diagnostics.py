@@ -13,7 +13,7 @@ from pipeline.updating.acceptance import (
     mode_information,
     predictive_misfits,
     reduced_chi_square,
-    unidentified_doubts,
+    unidentified_springs,
     what_differs,
 )
 
@@ -64,7 +64,7 @@ def test_a_mode_whose_frequency_fits_is_named_by_its_shape():
 def test_a_stiffness_of_which_nothing_was_learned_is_named():
     wide = ParameterSummary("k11", "N/m", 1.0, 1.0, 0.3, 3.5, contraction=0.05)
     sharp = ParameterSummary("k22", "N·m/rad", 1.0, 1.0, 0.99, 1.01, contraction=0.99)
-    (warning,) = unidentified_doubts([wide, sharp], AcceptanceSettings())
+    (warning,) = unidentified_springs([wide, sharp], AcceptanceSettings())
     assert (
         warning.text == "k11 is not identified by these sensors: its interval is 95% of the prior's"
     )

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.updating.checkpoint import STATE_VERSION, CheckpointError
+from pipeline.updating.checkpoint import STATE_VERSION, CheckpointError, _unpacked
 from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import ImportanceSettings
@@ -72,6 +72,12 @@ def test_a_state_in_which_nothing_was_seen_can_be_saved():
 def test_what_is_restored_saves_to_the_same_bytes(saved):
     updater = updater_of()
     assert updater.saved(updater.restored(saved)) == saved
+
+
+def test_observations_keep_the_name_that_they_have_in_earlier_checkpoints(saved):
+    tree, _ = _unpacked(saved, "checkpoint")
+    assert all("sightings" in window for window in tree["state"]["recent"])
+    assert len(tree["state"]["recent"]) == 2
 
 
 def test_a_checkpoint_is_small(saved):

@@ -8,7 +8,6 @@ import pytest
 from scipy.io import savemat
 
 from sensors.files import formats
-from sensors.files import table as optional
 from sensors.files.formats import channels_in, read_chunks, read_file
 from sensors.files.table import EVERYTHING, FileError, TimeColumn, dated
 from tests.sensors.files.conftest import NAMES, RATE, SAMPLES, SECONDS, START_NS, WRITERS
@@ -102,7 +101,6 @@ def test_a_package_that_is_missing_is_named_with_its_extra(
         FileError, match=rf"{module} is needed .* pip install 'pilewatch\[{extra}\]'"
     ):
         read_file(tmp_path / f"measured.{suffix}")
-    assert optional.require_module("json", "x", tmp_path).dumps([]) == "[]"
 
 
 def test_a_reader_of_another_package_plugs_in(

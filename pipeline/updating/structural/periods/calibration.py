@@ -273,17 +273,17 @@ def _add(here: dict[int, ModeEvidence], window: SeenWindow, whole: ModalEvidence
     The quarter of a metre by which its water differs from the level's mean is left out: it cancels
     between the windows.
     """
-    sightings = {each.frequency: each for each in window.sightings}
+    observations = {each.frequency: each for each in window.observations}
     for mode in whole.modes:
         if mode.last_window != whole.n_windows:
             continue
-        sighting = sightings[mode.last_frequency]
+        observation = observations[mode.last_frequency]
         known = here.get(mode.track)
         if known is None:
-            empty = ModeEvidence.empty(sighting, mode.track)
+            empty = ModeEvidence.empty(observation, mode.track)
             known = replace(empty, unit_component=mode.unit_component)
-        here[mode.track] = known.with_sighting(
-            sighting,
+        here[mode.track] = known.with_observation(
+            observation,
             window=whole.n_windows,
             weight=window.weight,
             joint_covariance=whole.joint_covariance,

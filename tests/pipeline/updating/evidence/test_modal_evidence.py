@@ -9,7 +9,7 @@ from pipeline.messages import ModalEstimate
 from pipeline.updating.evidence import mode_evidence
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.mode_evidence import PartnerInWater
-from pipeline.updating.evidence.observations import EstimateRefused, sightings
+from pipeline.updating.evidence.observations import EstimateRefused, mode_observations
 from tests.pipeline.updating.small_tower import LAYOUT, drawn_estimate, drawn_mode
 
 TRUTH = np.array([1.1, 0.9, 0.95])
@@ -116,8 +116,8 @@ def test_channels_are_mapped_by_name_whatever_their_order_and_number():
     names = [LAYOUT.channel_names[index] for index in kept]
     assert list(partial.channels) == names
     for whole, part in zip(
-        sightings(estimate, LAYOUT.channel_names),
-        sightings(partial, LAYOUT.channel_names),
+        mode_observations(estimate, LAYOUT.channel_names),
+        mode_observations(partial, LAYOUT.channel_names),
         strict=True,
     ):
         assert np.isnan(part.shape[[4, 6]]).all()

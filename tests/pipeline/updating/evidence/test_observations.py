@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.updating.evidence.observations import sightings
+from pipeline.updating.evidence.observations import mode_observations
 
 SHAPE = np.array([1.0, 0.5])
 
@@ -22,7 +22,7 @@ def member(frequency: float, *, common: float, own: float) -> Mode:
 
 def mean_of(*modes: Mode):
     estimate = ModalEstimate("t1", 0, 0, 600, "layout", ("a", "b"), modes)
-    (seen,) = sightings(estimate, ("a", "b"))
+    (seen,) = mode_observations(estimate, ("a", "b"))
     return seen
 
 
@@ -52,6 +52,6 @@ def test_the_pair_says_nothing_of_a_shape() -> None:
 def test_modes_apart_stay_two() -> None:
     one, other = (replace(member(f, common=1e-3, own=0.0), pair_id="") for f in (1.0, 1.4))
     estimate = ModalEstimate("t1", 0, 0, 600, "layout", ("b", "a"), (one, other))
-    seen = sightings(estimate, ("a", "b"))
+    seen = mode_observations(estimate, ("a", "b"))
     assert [each.frequency for each in seen] == [1.0, 1.4]
     assert list(seen[0].shape) == [0.5, 1.0]  # in the layout's order

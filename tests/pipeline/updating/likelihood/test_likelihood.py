@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import kstest, multivariate_normal
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import sightings
+from pipeline.updating.evidence.observations import mode_observations
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
@@ -71,7 +71,7 @@ def test_all_windows_at_once_equal_their_joint_gaussian_with_one_shared_discrepa
             for m in evidence.modes
         ]
         window = replace(window, modes=tuple(frozen))
-        one = likelihood_of(_with_sightings(window, estimate))
+        one = likelihood_of(_with_observations(window, estimate))
         errors.append(one.errors(modes))
         own.append(one.measurement_covariance)
     shared = np.diag(likelihood.sigma[sigma_index] ** 2 * likelihood.reference)
@@ -83,12 +83,12 @@ def test_all_windows_at_once_equal_their_joint_gaussian_with_one_shared_discrepa
     assert collapsed - collapsed[0] == pytest.approx(brute - brute[0], abs=1e-6)
 
 
-def _with_sightings(window, estimate):
+def _with_observations(window, estimate):
     """One window's own evidence, its unit components those of the combined evidence."""
     modes = [
-        mode.with_sighting(sighting, window=0, weight=1.0, joint_covariance=False)
-        for mode, sighting in zip(
-            window.modes, sightings(estimate, LAYOUT.channel_names), strict=True
+        mode.with_observation(observation, window=0, weight=1.0, joint_covariance=False)
+        for mode, observation in zip(
+            window.modes, mode_observations(estimate, LAYOUT.channel_names), strict=True
         )
     ]
     return replace(window, modes=tuple(modes), n_windows=1)

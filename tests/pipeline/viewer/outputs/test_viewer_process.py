@@ -15,7 +15,7 @@ import pytest
 from pipeline.messages import Message, NodeStatus
 from pipeline.nodes.node import NodeStatistics
 from pipeline.offline.draw_recording import open_pictures
-from pipeline.runtime import runner
+from pipeline.runtime.lock_step import run_lock_step
 from pipeline.transport.codec import encode
 from pipeline.viewer.outputs import viewer_process
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError, WebPage
@@ -93,7 +93,7 @@ class Listener:
 def heard_beside(viewers: list[Viewer], messages: Iterable[Message]) -> list[bytes]:
     """The messages that another node of the same graph receives."""
     listener = Listener()
-    runner.run_lock_step(messages, [*viewers, listener], turbine=TURBINE)
+    run_lock_step(messages, [*viewers, listener], turbine=TURBINE)
     return listener.received
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from pipeline.messages import Message, QualityWarning
 from pipeline.nodes.node import NodeStatistics
-from pipeline.nodes.statistics import NodeAccount
+from pipeline.runtime.lock_step import NodeAccount
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import block, rejection
 

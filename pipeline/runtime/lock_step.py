@@ -1,12 +1,17 @@
-"""NodeAccount: a node with its books, whichever runner serves it."""
+"""A run in one thread: every message through the whole graph before the next; and what nodes count
+of themselves, whichever runner serves them."""
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from pipeline.messages import Message, NodeStatus, QualityWarning, message_counts
 from pipeline.nodes.node import Node, NodeStatistics, PayloadNode
+from pipeline.runtime.source_feed import BlockReport, with_end
+from pipeline.transport.codec import decode, encode
 from sensors.acquisition.blocks import AccelerationBlock
+from sensors.arrays import one_blas_thread
 
 
 class NodeAccount:
@@ -109,9 +114,31 @@ class NodeAccount:
         )
 
 
-def received_blocks(status: NodeStatus | None) -> bool:
-    """Whether a node has taken a block, or reports that blocks were lost before they reached it."""
-    name = AccelerationBlock.__name__
-    return status is not None and (
-        status.lost > 0 or any(each.message == name and each.count for each in status.received)
-    )
+def run_lock_step(
+    source: Iterable[Message],
+    nodes: Sequence[Node],
+    *,
+    turbine: str,
+    report: BlockReport | None = None,
+) -> None:
+    """Every message through the whole graph before the next; deterministic, without transport."""
+    accounts = [NodeAccount(node, turbine, time.time_ns) for node in nodes]
+    with one_blas_thread():
+        for message in with_end(source):
+            _dispatch(message, accounts)
+            if report and isinstance(message, AccelerationBlock):
+                report(message)
+        for account in accounts:
+            _dispatch(account.status("stopped"), accounts)
+    for account in accounts:
+        account.node.close()
+
+
+def _dispatch(message: Message, accounts: Sequence[NodeAccount]) -> None:
+    waiting = deque([message])
+    while waiting:
+        message = waiting.popleft()
+        payload = encode(message)
+        for account in accounts:
+            if type(message) in account.node.inputs:
+                waiting.extend(account.handle(decode(type(message), payload), payload))
