@@ -32,6 +32,7 @@ from sensors.acquisition.layout import (
     Coupling,
     LayoutError,
     SensorLayout,
+    require_height,
 )
 from sensors.files.table import (
     UNSTATED,
@@ -80,6 +81,7 @@ class MappedChannel:
 
     def __post_init__(self) -> None:
         where = f"channel {self.name!r}"
+        require_height(self.name, self.elevation)
         if not any(self.direction):
             raise LayoutError(f"{where}: direction is {self.direction}; it must point somewhere")
         if self.sensitivity is not None and not abs(self.sensitivity) > 0:
@@ -133,6 +135,7 @@ class LayoutFile:
         columns = [self._column(channel, table) for channel in self.channels]
         pairs = list(zip(self.channels, columns, strict=True))
         units, factors = zip(*(self._scale(channel, table, i) for channel, i in pairs), strict=True)
+        self._require_one_scale(units)
         stated = table.stated_quantities or (None,) * len(table.names)
         return replace(
             table,
@@ -201,8 +204,25 @@ class LayoutFile:
                 f"{self.origin}: channel {channel.name!r} is in {stated} by the measurement's own "
                 f"words; leave unit = {channel.unit!r} out"
             )
+        from sensors.files.text.column_titles import is_unit  # pyarrow: not on a tower unit
+
+        if not is_unit(channel.unit):
+            raise LayoutError(
+                f"{self.origin}: channel {channel.name!r}: unit {channel.unit!r} is not known; it "
+                "can be m/s², g, mm/s, mm and alike; leave it out where samples have no scale"
+            )
         unit, factor = in_standard_unit(channel.unit)
         return unit, factor / (channel.sensitivity or 1.0)
+
+    def _require_one_scale(self, units: Sequence[str]) -> None:
+        """Raise LayoutError for samples in volts beside samples in m/s²."""
+        scaled = [unit for unit in units if quantity_of(unit)]
+        for channel, unit in zip(self.channels, units, strict=True):
+            if scaled and unit and quantity_of(unit) is None:
+                raise LayoutError(
+                    f"{self.origin}: channel {channel.name!r} is in {unit}, others are in "
+                    f"{scaled[0]}: state its unit and sensitivity, or delete it"
+                )
 
 
 def load_layout(path: Path) -> LayoutFile:
