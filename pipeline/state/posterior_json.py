@@ -81,4 +81,6 @@ def ratios(spring: ParameterSummary) -> tuple[float, float, float]:
 def plus_minus(spring: ParameterSummary) -> str:
     """Return "1.003 ± 0.007": median and half the 90 % interval, over nominal."""
     median, low, high = ratios(spring)
-    return f"{median:.3f} ± {(high - low) / 2:.3f}"
+    half = (high - low) / 2
+    digits = 3 if half < 0.1 else 2
+    return f"{median:.{digits}f} ± {half:.{digits}f}"
