@@ -126,6 +126,8 @@ def open_measurement(
     _require_one_quantity(table, files[0].path)
     note_unknown_units(table, str(files[0].path))
     rate = sampling_rate or files[0].sampling_rate
+    if rate is None and len(first.samples) < 2:
+        raise FileError(f"{files[0].path}: 1 sample; at least two are needed")
     if rate is None and first.times is not None:
         raise FileError(STANDING_STAMPS.format(path=files[0].path))
     if rate is None:

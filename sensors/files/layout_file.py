@@ -17,7 +17,6 @@ What it lists is taken, in its order; other channels of the measurement are left
 
 import difflib
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,7 +43,7 @@ from sensors.files.table import (
     quantity_named,
     quantity_of,
 )
-from sensors.settings import settings_from_table, toml_string
+from sensors.settings import settings_from_table, toml_string, toml_table
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
 _CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file states its unit
@@ -115,6 +114,9 @@ class LayoutFile:
     def __post_init__(self) -> None:
         if not self.channels:
             raise LayoutError("no [[channels]]; at least one is needed")
+        names = [channel.name for channel in self.channels]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise LayoutError(f"channel {twice[0]!r} is listed twice")
         for key in ("turbine", "unit"):
             name = getattr(self, key)
             if not name or any(letter in name for letter in "/*$#? "):
@@ -256,10 +258,7 @@ def parse_layout(text: str, path: str) -> LayoutFile:
     LayoutError
         One line: not TOML, an unknown or missing key, a wrong value.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise LayoutError(f"{path}: not valid TOML: {error}") from error
+    table = toml_table(text, path, LayoutError)
     channels = table.get("channels", [])
     if not isinstance(channels, list) or not all(isinstance(each, dict) for each in channels):
         raise LayoutError(f"{path}: channels are written as [[channels]], one a channel")
