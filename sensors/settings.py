@@ -5,6 +5,8 @@ Scenarios and turbine descriptions are both read by it, so their mistakes read a
 
 import difflib
 import math
+import re
+import tomllib
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
@@ -15,6 +17,33 @@ from sensors.errors import InputError
 _T = TypeVar("_T")
 
 _KINDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
+
+
+_DECIMAL_COMMA = re.compile(r"=\s*([-+]?\d+),(\d+)")
+
+
+def toml_table(text: str, where: str, error: type[InputError]) -> dict[str, Any]:
+    """Return the table of a TOML text.
+
+    Parameters
+    ----------
+    where : str
+        The file, for the error.
+    error : type[InputError]
+        What to raise.
+
+    Notes
+    -----
+    Raises `error`, one line, for a text that is not TOML; a decimal comma is named as such.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as damage:
+        at = re.search(r"at line (\d+)", str(damage))
+        line = text.splitlines()[int(at[1]) - 1] if at else ""
+        comma = _DECIMAL_COMMA.search(line)
+        advice = f"; numbers have a decimal point: {comma[1]}.{comma[2]}" if comma else ""
+        raise error(f"{where}: not valid TOML: {damage}{advice}") from damage
 
 
 def settings_from_table(

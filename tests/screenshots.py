@@ -28,7 +28,7 @@ from pipeline.viewer.pictures import colours
 WINDOW_SIZE = "1600x1000"  # [pixels]
 PATIENCE = 60.0  # for a viewer to come up on a slow machine [s]
 SETTLING = 2.0  # between two pictures that are the same when a tab is finished [s]
-SHADES = 128  # of a picture's palette: enough for flat surfaces and lines
+SHADES = 256  # of a picture's palette: enough for flat surfaces and lines
 EXPECTED = {  # colours that data, not decoration, fill in each tab
     "Overview": (colours.POSTERIOR, colours.MODEL),
     "Signals": (colours.LEVELS[2], colours.LEVELS[3], colours.NEUTRAL),
@@ -165,7 +165,9 @@ def _require_content(tab: str, png: Path) -> None:
 def _shrink(png: Path) -> None:
     """A fifth of the bytes."""
     with Image.open(png) as picture:
-        small = picture.convert("RGB").quantize(SHADES, dither=Image.Dither.NONE)
+        small = picture.convert("RGB").quantize(
+            SHADES, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+        )
     small.save(png, optimize=True)
 
 

@@ -164,7 +164,8 @@ def _span(project: "NewProject", zone: str) -> str:
     if begin < FIRST_DAY_NS:
         return f"{seconds} without a date"
     hint = "" if zone else " (UTC also where dates state no zone: --zone)"
-    return f"{seconds} from {moment(begin)[:19]} UTC{hint}"
+    # stamps of a few digits scatter: 08:59:59.999996 means nine o'clock
+    return f"{seconds} from {moment(begin + NANOSECONDS // 1000)[:19]} UTC{hint}"
 
 
 def _started(

@@ -1,6 +1,7 @@
 """`pilewatch simulate`, `info`, `salvage`, `import`, `export`: work with recordings."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -185,9 +186,9 @@ def import_files(
 
     time = TimeColumn(dates=dates, zone=zone)
     if template:
-        typer.echo(
-            layout_template(channels_in(files[0], reader, dated(EVERYTHING, time))), nl=False
-        )
+        # a layout may state which column is the time
+        everything = replace(dated(EVERYTHING, time), rate_known=True)
+        typer.echo(layout_template(channels_in(files[0], reader, everything)), nl=False)
         return
     if out is None:
         raise InputError("import needs -o FILE.mcap, the recording to write")

@@ -29,6 +29,8 @@ from pipeline.cli.console import (
 from pipeline.cli.results import print_results
 from sensors.errors import InputError
 
+DESIGN_STD = 0.2  # of springs of a design, where none is stated [-]
+
 
 def update(
     file: Annotated[Path, typer.Argument(help="An MCAP recording or session.")],
@@ -129,8 +131,8 @@ def calibrate(
         ),
     ] = None,
     design_std: Annotated[
-        float, typer.Option(help="Standard deviation of each, as a share of it.")
-    ] = 0.2,
+        float | None, typer.Option(help="Standard deviation of each, as a share of it; 0.2.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Infer the figures of a structure from its first weeks; later sessions begin with them.
@@ -146,7 +148,10 @@ def calibrate(
         raise InputError(f"{out} exists; -o names another file")
     if not out.parent.is_dir():
         raise InputError(f"{out}: there is no folder {out.parent}")
-    springs = None if design is None else DesignSprings(_springs(design), design_std)
+    if design is None and design_std is not None:
+        raise InputError(f"--design-std {design_std:g} is for --design K11,K22,K12")
+    std = DESIGN_STD if design_std is None else design_std
+    springs = None if design is None else DesignSprings(_springs(design), std)
     with stderr.status("fitting springs and figures to all water levels"):
         found = calibrate_turbine(sessions, scenario=scenario, design=springs)
     written_whole(out, found.text.encode())

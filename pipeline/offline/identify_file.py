@@ -23,7 +23,7 @@ from pipeline.state.repeated_warnings import without_repeats
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
-from sensors.files.channel_names import UnusedChannel, split_motions
+from sensors.files.channel_names import UnusedChannel, note_unknown_units, split_motions
 from sensors.files.layout_file import LayoutFile
 from sensors.files.table import (
     STANDING_STAMPS,
@@ -236,11 +236,12 @@ def _read(
 ) -> tuple[ChannelTable, float, tuple[UnusedChannel, ...]]:
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
-    table = measured_channels(path, layout, time)
+    table = measured_channels(path, layout, time, rate_known=sampling_rate is not None)
     unused: tuple[UnusedChannel, ...] = ()
     if layout is None and path.suffix != ".mcap":
         columns, unused = split_motions(table, str(path))
         table = table.only(columns)
+    note_unknown_units(table, str(path))
     rate = table.sampling_rate if sampling_rate is None else sampling_rate
     if table.sampling_rate is None and table.times is not None:  # they stand still
         table = replace(table, times=None)

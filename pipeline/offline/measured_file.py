@@ -22,9 +22,18 @@ JOINING = 5.0  # waiting time for a missing unit [s]
 
 
 def measured_channels(
-    path: Path, layout: LayoutFile | None = None, time: TimeColumn = UNSTATED
+    path: Path,
+    layout: LayoutFile | None = None,
+    time: TimeColumn = UNSTATED,
+    *,
+    rate_known: bool = False,
 ) -> ChannelTable:
     """Return the channels that a layout file lists; all, as in the file, without one.
+
+    Parameters
+    ----------
+    rate_known : bool
+        Whether the rate is stated beside the file, which then needs no time.
 
     Raises
     ------
@@ -35,6 +44,7 @@ def measured_channels(
         table = recorded_channels(path)
     else:
         wanted = dated(EVERYTHING if layout is None else layout.wanted(), time)
+        wanted = replace(wanted, rate_known=rate_known)
         table = with_rotor_speed_apart(read_file(path, wanted=wanted))
     return table if layout is None else layout.chosen(table)
 

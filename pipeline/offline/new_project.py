@@ -131,13 +131,14 @@ def start_project(
     _require_no_project(folder)
     described = structure_text(structure, subdyn, springs, mudline)
     time = TimeColumn(dates=dates, zone=zone)
+    everything = replace(EVERYTHING, rate_known=sampling_rate is not None)
     if layout is None:
         turbine = re.sub(r"[^\w.-]+", "-", name or files[0].stem).strip("-") or "structure"
-        table = channels_in(files[0], None, replace(EVERYTHING, time=time))
+        table = channels_in(files[0], None, replace(everything, time=time))
         places = guessed_layout(table, str(files[0]), turbine=turbine, time=time, place=place)
     else:
         stated = load_layout(layout)
-        own = replace(EVERYTHING, time=stated.time)
+        own = replace(everything, time=stated.time)
         table = channels_in(files[0], None, dated(own, time))
         places = stated_layout(layout, stated, table, name=name)
     if structure != NO_STRUCTURE:

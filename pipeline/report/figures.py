@@ -27,6 +27,7 @@ from pipeline.report.pictures.axes import (
 )
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.tracks import FrequencyTrack, frequency_tracks, most_informative
+from pipeline.state.phrases import in_hertz
 from pipeline.state.posterior_json import ratios
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.viewer.pictures import colours
@@ -183,7 +184,7 @@ def mode_shapes(record: TurbineRecord) -> str:
         for axes, mode in zip(panels.flat, modes, strict=False):
             _shape_panel(axes, deflection(layout, layout.channel_names, np.array(mode.shape)))
             label = mode.name if mode.pair is None else f"mode {mode.name}"
-            axes.set_title(f"{label}\n{mode.frequency:.3g} Hz")
+            axes.set_title(f"{label}\n{in_hertz(mode.frequency)} Hz")
         for axes in panels.flat[len(modes) :]:
             axes.remove()
         for axes in panels[:, 0]:

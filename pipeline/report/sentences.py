@@ -1,6 +1,7 @@
 """Sentences of a report: is the foundation known, has it changed, are the data reliable."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
@@ -21,6 +22,7 @@ from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
+NAME_WITH_NUMBER = re.compile(r"[a-z]+\d")  # k22, m3, z145-fa
 ROUGH = 0.25  # half width from which a spring is known only roughly [-]
 SPRING_TEXTS = {
     "k11": "the foundation's lateral stiffness",
@@ -287,8 +289,9 @@ def _why_no_posterior(record: TurbineRecord) -> str:
 
 
 def sentence(text: str) -> str:
-    """Return the text with a capital letter and a full stop."""
-    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?")) else ".")
+    """Return the text with a capital letter, but of a name such as k22, and a full stop."""
+    first = text[:1] if NAME_WITH_NUMBER.match(text) else text[:1].upper()
+    return first + text[1:] + ("" if text.endswith((".", "!", "?")) else ".")
 
 
 def structure_sentence(posterior: FoundationPosterior) -> str:

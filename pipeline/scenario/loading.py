@@ -2,7 +2,6 @@
 
 import json
 import logging
-import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -14,7 +13,7 @@ from typing import Any
 from pipeline.scenario.settings import NO_STRUCTURE, Scenario, ScenarioError
 from pipeline.updating.prior import UpdatingError
 from pipeline.updating.structural.settings import UNCERTAIN, StructureSettings, structure_settings
-from sensors.settings import settings_from_table, toml_string, without_constants
+from sensors.settings import settings_from_table, toml_string, toml_table, without_constants
 from sensors.structure.description import SHIPPED
 
 logger = logging.getLogger(__name__)
@@ -55,16 +54,13 @@ def load_scenario(name_or_path: str) -> Scenario:
             f"({shipped_names})"
         ) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"scenario {name_or_path!r} cannot be read: {error}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise ScenarioError(f"scenario {name_or_path!r} cannot be read: {reason}") from error
 
 
 def scenario_from_text(text: str, origin: str) -> Scenario:
     """Return the scenario that a TOML text describes; `origin` names it in errors."""
-    try:
-        table: dict[str, Any] = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
-    return scenario_from_table(table, text, origin)
+    return scenario_from_table(toml_table(text, origin, ScenarioError), text, origin)
 
 
 def scenario_from_table(table: dict[str, Any], text: str, origin: str) -> Scenario:
@@ -210,10 +206,7 @@ def scenario_from_metadata(metadata: Mapping[str, str], origin: str) -> Scenario
         If the stored text describes no scenario of this version.
     """
     text = metadata["toml"]
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{origin}: not valid TOML: {error}") from error
+    table = toml_table(text, origin, ScenarioError)
     stored = scenario_from_table(_of_this_version(table, origin), text, origin)
     # made before there was a choice: its scenario meant the described structure
     earlier = EXACT_AS_RECORDED if "structure" not in table else ""

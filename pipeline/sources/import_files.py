@@ -24,6 +24,7 @@ from sensors.files.block_builder import (
     sort_by_time,
     stamp_samples,
 )
+from sensors.files.channel_names import note_unknown_units
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
 from sensors.files.table import (
     EVERYTHING,
@@ -109,7 +110,8 @@ def open_measurement(
     if twice := [path for path in paths if paths.count(path) > 1]:
         raise FileError(f"{twice[0]} is named twice")
     wanted = dated(EVERYTHING if layout is None else layout.wanted(), time)
-    wanted = replace(wanted, stamps=sampling_rate is None)
+    counted = sampling_rate is not None
+    wanted = replace(wanted, stamps=not counted, rate_known=counted)
     opened = [open_file(path, reader, wanted) for path in paths]
     files = sort_by_time([file for file, _ in opened])
     first = next(table for file, table in opened if file.path == files[0].path)
@@ -122,7 +124,10 @@ def open_measurement(
         )
     table = mapping.chosen(first)
     _require_one_quantity(table, files[0].path)
+    note_unknown_units(table, str(files[0].path))
     rate = sampling_rate or files[0].sampling_rate
+    if rate is None and len(first.samples) < 2:
+        raise FileError(f"{files[0].path}: 1 sample; at least two are needed")
     if rate is None and first.times is not None:
         raise FileError(STANDING_STAMPS.format(path=files[0].path))
     if rate is None:
@@ -130,9 +135,7 @@ def open_measurement(
             f"{files[0].path} states neither its sampling rate nor the time of its samples: give "
             "--sampling-rate HZ"
         )
-    return Measurement(
-        tuple(files), mapping, mapping.sensor_layout(table), rate, sampling_rate is not None
-    )
+    return Measurement(tuple(files), mapping, mapping.sensor_layout(table), rate, counted)
 
 
 def _require_one_quantity(table: ChannelTable, path: Path) -> None:

@@ -13,6 +13,11 @@ def codes_in_words(codes: Counter[str]) -> str:
     return ", ".join(f"{count} × {code}" for code, count in codes.most_common()) or "none"
 
 
+def in_hertz(frequency: float) -> str:
+    """Return a frequency [Hz] with three digits: "0.630", "17.0"."""
+    return f"{frequency:#.3g}".rstrip(".")
+
+
 def block_numbers(first: int, end: int) -> str:
     """Return "block 3 is" or "blocks 3 to 5 are"."""
     return f"block {first} is" if end == first + 1 else f"blocks {first} to {end - 1} are"

@@ -4,6 +4,7 @@ from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSum
 from sensors.json_values import Json, fields_of, known, with_nulls
 
 STIFFNESSES = ("k11", "k22", "k12")
+SKEW_SHOWS = 0.2  # half width from which a posterior's skewness shows [-]
 MEDIAN_AND_INTERVAL = ("median", "p05", "p95")
 
 
@@ -79,6 +80,10 @@ def ratios(spring: ParameterSummary) -> tuple[float, float, float]:
 
 
 def plus_minus(spring: ParameterSummary) -> str:
-    """Return "1.003 ± 0.007": median and half the 90 % interval, over nominal."""
+    """Return "1.003 ± 0.007": median and half the 90 % interval, over nominal.
+
+    Of a wide posterior, which is skew, the interval: "0.26 to 2.76".
+    """
     median, low, high = ratios(spring)
-    return f"{median:.3f} ± {(high - low) / 2:.3f}"
+    half = (high - low) / 2
+    return f"{median:.3f} ± {half:.3f}" if half < SKEW_SHOWS else f"{low:.2f} to {high:.2f}"

@@ -92,10 +92,10 @@ def _overview(root: str, parameters: ViewParameters) -> rrb.Horizontal:
 
 
 def _overview_plots(root: str, parameters: ViewParameters) -> rrb.Vertical:
-    shapes = _shapes(root, parameters)
+    shapes = _shapes(root, parameters, room=13 if parameters.has_structure else 8)
     if not parameters.has_structure:
         return rrb.Vertical(_frequencies(root, parameters), shapes, row_shares=[1, 1])
-    return rrb.Vertical(*_stiffness_bands(root), shapes, row_shares=[7, 7, 7, 10])
+    return rrb.Vertical(*_stiffness_bands(root, parameters), shapes, row_shares=[7, 7, 7, 10])
 
 
 def _signals(root: str, parameters: ViewParameters) -> rrb.Horizontal:
@@ -119,7 +119,7 @@ def _modes(root: str, parameters: ViewParameters) -> rrb.Horizontal:
         ),
         rrb.Vertical(
             _tracks(root, parameters),
-            _shapes(root, parameters),
+            _shapes(root, parameters, room=16),
             row_shares=[5, 3],
         ),
         column_shares=[2, 3],
@@ -140,10 +140,10 @@ def _tracks(root: str, parameters: ViewParameters) -> rrb.Tabs | rrb.Grid:
 
 def _foundation(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     return rrb.Horizontal(
-        _joint(root),
-        rrb.Vertical(_pile(root), _posterior_widths(root), row_shares=[5, 2]),
+        _joint(root, parameters),
+        rrb.Vertical(_pile(root, parameters), _posterior_widths(root), row_shares=[5, 2]),
         rrb.Vertical(
-            *_stiffness_bands(root),
+            *_stiffness_bands(root, parameters),
             _sigma(root),
             _change_probability(root),
             *_sizes(root, parameters),
@@ -153,19 +153,19 @@ def _foundation(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     )
 
 
-def _joint(root: str) -> rrb.Spatial2DView:
+def _joint(root: str, parameters: ViewParameters) -> rrb.Spatial2DView:
     return plane(
         f"{root}/foundation/joint",
-        "Joint posterior of stiffness ÷ nominal [-]; prior orange, truth green",
+        f"Joint posterior of stiffness ÷ nominal [-]; prior orange{parameters.truth}",
         [-0.45, 3.8],
         [-0.25, 3.95],
     )
 
 
-def _pile(root: str) -> rrb.Spatial2DView:
+def _pile(root: str, parameters: ViewParameters) -> rrb.Spatial2DView:
     return plane(
         f"{root}/foundation/pile",
-        "Mudline under 1 MN: nominal orange, posterior purple",
+        f"Mudline under 1 MN: nominal orange, posterior purple{parameters.truth}",
         [-1.35, 1.35],
         [-2.25, 1.25],
     )
@@ -216,7 +216,7 @@ def _node_plot(path: str, name: str) -> rrb.TimeSeriesView:
 def _spectrum(root: str) -> rrb.Spatial2DView:
     return plane(
         f"{root}/spectrum",
-        "Spectra of the last window, one colour per level; lines: identified frequencies [Hz]",
+        "Spectra of the last window, colours as on the left; lines: identified frequencies [Hz]",
         [-0.3, 2.75],
         [-0.2, 2.5],
     )
@@ -259,8 +259,10 @@ def _tower(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
     )
 
 
-def _shapes(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
+def _shapes(root: str, parameters: ViewParameters, *, room: int) -> rrb.Spatial3DView:
+    """Return the row of shapes, from so far away that all are seen; `room` are from nearby."""
     middle = (len(parameters.modes) - 1) / 2 * SPACING / 2**0.5
+    away = 208.0 * max(1.0, len(parameters.modes) / room)
     return rrb.Spatial3DView(
         origin=f"{root}/shapes",
         name="Mode shapes: model line, identified dots (≈: mean of two, –: none); f [Hz], MAC"
@@ -268,17 +270,18 @@ def _shapes(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
         else "Mode shapes at the sensors, as identified; direction, f [Hz]",
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=[-middle + 208.0, middle + 208.0, parameters.mid_height],
+            position=[-middle + away, middle + away, parameters.mid_height],
             look_target=[-middle, middle, parameters.mid_height - 10.0],
             eye_up=[0.0, 0.0, 1.0],
         ),
     )
 
 
-def _stiffness_bands(root: str) -> list[rrb.TimeSeriesView]:
+def _stiffness_bands(root: str, parameters: ViewParameters) -> list[rrb.TimeSeriesView]:
     return [
         time_series(
-            parameter_path(root, name), f"{name} ÷ nominal [-]: 5, 50, 95 % quantiles, truth green"
+            parameter_path(root, name),
+            f"{name} ÷ nominal [-]: 5, 50, 95 % quantiles{parameters.truth}",
         )
         for name in STIFFNESSES
     ]
@@ -342,7 +345,7 @@ def farm_tab(parameters: Sequence[ViewParameters]) -> rrb.Horizontal:
         rrb.Vertical(_board(len(turbines)), *[_medians(turbines, name) for name in STIFFNESSES]),
         rrb.Vertical(
             rrb.TextDocumentView(origin=f"{FARM}/table", name="Table"),
-            events_view(f"{FARM}/events", "Warnings of all turbines, if any"),
+            events_view(f"{FARM}/events", "Warnings, gaps, events of all turbines, if any"),
             row_shares=[3, 2],
         ),
         column_shares=[4, 5],

@@ -4,6 +4,7 @@ import numpy as np
 import rerun as rr
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
+from pipeline.state.phrases import in_hertz
 from pipeline.state.run_modes import pairs_by_track
 from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
@@ -120,7 +121,7 @@ class ModeView:
         tower_views.log_model_shape(self._recording, self._root, mode.name, drawn)
         tower_views.log_identified_shape(self._recording, self._root, mode.name, drawn)
         foot = self._outline.mudline - CAPTION_DEPTH
-        lines = [drawn.direction, f"{mode.frequency:.3g}"]
+        lines = [drawn.direction, in_hertz(mode.frequency)]
         tower_views.log_shape_caption(self._recording, self._root, mode.name, lines, foot=foot)
         self._drawn_until_ns.setdefault(mode.name, estimate.end_ns)
 
@@ -170,7 +171,7 @@ class ModeView:
     def _caption(self, label: str, model: Deflection, pair: ModePair | None) -> None:
         mean = " ≈" if pair and "+" in pair.identified else ""  # here: figures fill their room
         lines = [f"{model.direction}{mean}"]
-        lines += [f"{pair.frequency:.3g}", f"{pair.mac:.2f}"] if pair else ["–"]
+        lines += [in_hertz(pair.frequency), f"{pair.mac:.2f}"] if pair else ["–"]
         foot = self._outline.mudline - CAPTION_DEPTH
         tower_views.log_shape_caption(self._recording, self._root, label, lines, foot=foot)
 

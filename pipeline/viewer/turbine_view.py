@@ -120,6 +120,7 @@ class TurbineView:
         self._in_farm = False  # one of several turbines
         self._styled: set[str] = set()
         self._first_frequencies: dict[str, float] = {}  # by track [Hz]
+        self._warned: frozenset[str] = frozenset()  # codes of the latest window's warnings
         self._now_ns = 0  # latest sensor time seen
         self._at_ns = 0  # sensor time of what is being drawn
 
@@ -142,6 +143,7 @@ class TurbineView:
             *(self._turbine, self._layouts.all, self._modes.labels, middle),
             self._sized,
             self._has_structure,
+            self._truth is not None,
         )
 
     def copy_to(self, recording: rr.RecordingStream) -> "TurbineView":
@@ -187,6 +189,7 @@ class TurbineView:
         frequencies = [mode.frequency for mode in estimate.modes]
         self._found = (estimate.window, frequencies)
         self._event(f"window {estimate.window}: {frequencies_text(frequencies)}")
+        self._draw_warnings(estimate)
         self._signals.draw_spectrum(estimate)
         if not self._has_structure:
             self._modes.draw_estimate(estimate, layout)
@@ -292,6 +295,14 @@ class TurbineView:
         if self._in_farm and level != "INFO":
             named = f"{clock_time(self._at_ns)}  {self._turbine}: {text}"
             foundation_views.log_event(self._recording, FARM, named, level=level)
+
+    def _draw_warnings(self, estimate: ModalEstimate) -> None:
+        """Draw the first warning of each code that the window before did not have."""
+        first = {warning.code: warning.text for warning in reversed(estimate.warnings)}
+        for code, text in first.items():
+            if code not in self._warned:
+                self._event(f"{code}: {text}", level="WARN")
+        self._warned = frozenset(first)
 
     def _draw_faults(self, faults: list[FaultyChannels]) -> None:
         for fault in faults:

@@ -34,6 +34,13 @@ class ViewParameters:
     """Whether a change of known size was detected; it gets a plot."""
     has_structure: bool = True
     """Whether there is a structural model; without one the tabs have modes only."""
+    has_truth: bool = False
+    """Whether the true stiffness is known, as of a simulated turbine."""
+
+    @property
+    def truth(self) -> str:
+        """Words of a title about the colour of the truth; "" where there is none."""
+        return ", truth green" if self.has_truth else ""
 
 
 def time_series(origin: str, name: str, legend: Corner = "", **more: Any) -> rrb.TimeSeriesView:

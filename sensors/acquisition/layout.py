@@ -19,10 +19,20 @@ Coupling = Literal["dc", "ac"]
 
 FORE_AFT = (1.0, 0.0, 0.0)
 SIDE_SIDE = (0.0, 1.0, 0.0)
+HIGHEST = 1000.0  # above or below mean water level; a height beyond it is in another unit [m]
 
 
 class LayoutError(InputError):
     """A sensor layout that cannot be right; the message names the channel."""
+
+
+def require_height(name: str, elevation: float) -> None:
+    """Raise LayoutError for a channel whose elevation [m] no structure reaches."""
+    if not abs(elevation) <= HIGHEST:
+        raise LayoutError(
+            f"channel {name}: elevation {elevation:g} m; heights are in metres above mean water "
+            f"level, at most {HIGHEST:g}"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +52,7 @@ class Accelerometer:
     unit: str = "m/s²"
 
     def __post_init__(self) -> None:
+        require_height(self.name, self.elevation)
         length = math.hypot(*self.direction)  # of untrusted numbers: no overflow
         if not abs(length - 1.0) < 1e-6:
             raise LayoutError(

@@ -187,7 +187,7 @@ def stamp_samples(
 
 def moment(time_ns: int) -> str:
     """Return a time in words: "2024-03-01 12:00:00.250" (UTC); of a count from 0 "1000.050 s"."""
-    if 0 <= time_ns < FIRST_DAY_NS:
+    if abs(time_ns) < FIRST_DAY_NS:
         return f"{time_ns / NANOSECONDS:.3f} s"
     seconds, rest = divmod(time_ns, NANOSECONDS)
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S}.{rest // 1_000_000:03d}"

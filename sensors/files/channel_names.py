@@ -18,6 +18,8 @@ from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.arrays import FloatArray
 from sensors.errors import InputError
 from sensors.files.table import ChannelTable, FileError, quantity_named, quantity_of
+from sensors.files.text.column_titles import is_unit
+from sensors.files.text.columns import log_once
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
 AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
@@ -39,6 +41,7 @@ _LETTERS = re.compile(r"[A-Za-zÀ-ɏ]+")
 _NUMBERED = re.compile(r"([A-Za-z])\d{1,3}")  # y1, y2, y3
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")  # of "WindSpeed" too
 _IN_METRES = re.compile(r"(?<![A-Za-z0-9.,])(-?\d+(?:[.,]\d+)?) ?([mc]?)[mM](?![A-Za-z/])")
+_M_FOR_POINT = re.compile(r"(?<![A-Za-z0-9.,])(\d+)[mM](\d)(?![\dA-Za-z])")  # 16m5: 16.5 m
 _AFTER_LETTERS = re.compile(r"(?<![A-Za-z0-9])(?:[Ll]at|LAT|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)")
 _NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?!\d|\.\d)")
 _COMPASS = re.compile(r"(?<![A-Za-z])(?:N[-/ ]?S|S[-/ ]?N|[EO][-/ ]?W|W[-/ ]?[EO])(?![A-Za-z])")
@@ -49,8 +52,8 @@ _TRAILING = re.compile(r"(?:\d|\b[Aa][Cc]?[Cc]?)([XYZxyz])(?![A-Za-z])")
 
 # The same in German, Dutch, Danish, Norwegian, Swedish, French and Spanish.
 WIND_SPEED = (
-    *("windgeschwindigkeit", "windsnelheid", "vindhastighed", "vindhastighet", "vind"),
-    *("vent", "viento"),
+    *("windgeschwindigkeit", "windgeschw", "windsnelheid", "vindhastighed", "vindhastighet"),
+    *("vindhastigh", "vind", "vent", "viento"),
 )
 ROTOR_SPEED = ("drehzahl", "toerental", "omdrejninger", "omdrejningstal", "turtall", "varvtal")
 POWER = ("leistung", "vermogen", "effekt", "puissance", "potencia")
@@ -224,6 +227,9 @@ def _numbers_in_all(names: Sequence[str]) -> frozenset[str]:
 
 def _height(name: str, shared: frozenset[str]) -> tuple[float | None, str, bool]:
     """Return a name's height [m], the text it was read from and whether a unit states it."""
+    found = _M_FOR_POINT.search(name)
+    if found:
+        return float(f"{found[1]}.{found[2]}"), found[0], True
     found = _IN_METRES.search(name)
     if found:
         factor = {"": 1.0, "c": 0.01, "m": 0.001}[found[2]]
@@ -339,11 +345,37 @@ def split_motions(
         )
     if not columns:
         return list(range(len(table.names))), ()
+    if scaled := {table.units[column] for column in columns if quantity_of(table.units[column])}:
+        beside = f"beside channels in {', '.join(sorted(scaled))}"
+        for column in columns:
+            unit = table.units[column]
+            if unit and quantity_of(unit) is None:
+                reasons[column] = f"in {unit}, {beside}"
+        columns = [column for column in columns if not reasons[column]]
     return columns, tuple(
         UnusedChannel(name, reason)
         for name, reason in zip(table.names, reasons, strict=True)
         if reason
     )
+
+
+def note_unknown_units(table: ChannelTable, origin: str) -> None:
+    """Log each unit that is not known, even by name: its samples are taken as they are.
+
+    Parameters
+    ----------
+    origin : str
+        What to call the table in the log.
+    """
+    named: dict[str, list[str]] = {}
+    for name, unit in zip(table.names, table.units, strict=True):
+        if unit and not is_unit(unit):
+            named.setdefault(unit, []).append(name)
+    for unit, names in named.items():
+        log_once(
+            f"{origin}: the unit {unit!r} of {', '.join(names)} is not known; the samples are "
+            "taken as they are, unscaled (a layout file states unit and sensitivity)"
+        )
 
 
 def is_constant(series: FloatArray) -> bool:

@@ -17,7 +17,6 @@ What it lists is taken, in its order; other channels of the measurement are left
 
 import difflib
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,6 +31,7 @@ from sensors.acquisition.layout import (
     Coupling,
     LayoutError,
     SensorLayout,
+    require_height,
 )
 from sensors.files.table import (
     UNSTATED,
@@ -43,7 +43,7 @@ from sensors.files.table import (
     quantity_named,
     quantity_of,
 )
-from sensors.settings import settings_from_table, toml_string
+from sensors.settings import settings_from_table, toml_string, toml_table
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
 _CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file states its unit
@@ -80,6 +80,7 @@ class MappedChannel:
 
     def __post_init__(self) -> None:
         where = f"channel {self.name!r}"
+        require_height(self.name, self.elevation)
         if not any(self.direction):
             raise LayoutError(f"{where}: direction is {self.direction}; it must point somewhere")
         if self.sensitivity is not None and not abs(self.sensitivity) > 0:
@@ -126,6 +127,9 @@ class LayoutFile:
     def __post_init__(self) -> None:
         if not self.channels:
             raise LayoutError("no [[channels]]; at least one is needed")
+        names = [channel.name for channel in self.channels]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise LayoutError(f"channel {twice[0]!r} is listed twice")
         for key in ("turbine", "unit"):
             name = getattr(self, key)
             if not name or any(letter in name for letter in "/*$#? "):
@@ -146,6 +150,7 @@ class LayoutFile:
         columns = [self._column(channel, table) for channel in self.channels]
         pairs = list(zip(self.channels, columns, strict=True))
         units, factors = zip(*(self._scale(channel, table, i) for channel, i in pairs), strict=True)
+        self._require_one_scale(units)
         stated = table.stated_quantities or (None,) * len(table.names)
         return replace(
             table,
@@ -206,8 +211,25 @@ class LayoutFile:
                 f"{self.origin}: channel {channel.name!r} is in {stated} by the measurement's own "
                 f"words; leave unit = {channel.unit!r} out"
             )
+        from sensors.files.text.column_titles import is_unit  # pyarrow: not on a tower unit
+
+        if not is_unit(channel.unit):
+            raise LayoutError(
+                f"{self.origin}: channel {channel.name!r}: unit {channel.unit!r} is not known; it "
+                "can be m/s², g, mm/s, mm and alike; leave it out where samples have no scale"
+            )
         unit, factor = in_standard_unit(channel.unit)
         return unit, factor / (channel.sensitivity or 1.0)
+
+    def _require_one_scale(self, units: Sequence[str]) -> None:
+        """Raise LayoutError for samples in volts beside samples in m/s²."""
+        scaled = [unit for unit in units if quantity_of(unit)]
+        for channel, unit in zip(self.channels, units, strict=True):
+            if scaled and unit and quantity_of(unit) is None:
+                raise LayoutError(
+                    f"{self.origin}: channel {channel.name!r} is in {unit}, others are in "
+                    f"{scaled[0]}: state its unit and sensitivity, or delete it"
+                )
 
 
 def load_layout(path: Path) -> LayoutFile:
@@ -241,10 +263,7 @@ def parse_layout(text: str, path: str) -> LayoutFile:
     LayoutError
         One line: not TOML, an unknown or missing key, a wrong value.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise LayoutError(f"{path}: not valid TOML: {error}") from error
+    table = toml_table(text, path, LayoutError)
     channels = table.get("channels", [])
     if not isinstance(channels, list) or not all(isinstance(each, dict) for each in channels):
         raise LayoutError(f"{path}: channels are written as [[channels]], one a channel")

@@ -130,6 +130,9 @@ class Wanted:
     stamps: bool = True
     """False: the samples are counted and time stamps are not read."""
 
+    rate_known: bool = False
+    """True: the rate is stated beside the file, which then needs no time."""
+
     time: TimeColumn = UNSTATED
     """What is stated of the time beside the file."""
 

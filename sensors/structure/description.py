@@ -5,7 +5,6 @@ water level. Positions of the rotor-nacelle assembly are relative to the tower's
 """
 
 import math
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import resources
@@ -18,7 +17,7 @@ import numpy as np
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.constants import STANDARD_GRAVITY
-from sensors.settings import settings_from_table
+from sensors.settings import settings_from_table, toml_table
 from sensors.structure.calibration import Calibration
 from sensors.structure.components import (
     Blades,
@@ -185,7 +184,8 @@ def turbine_text(name_or_path: str | Path) -> str:
             f"{path}: no such file; a turbine is one of {', '.join(SHIPPED)} or a TOML file"
         ) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise TurbineError(f"{path}: cannot be read as text ({error})") from error
+        reason = getattr(error, "strerror", None) or error
+        raise TurbineError(f"{path}: cannot be read as text: {reason}") from error
 
 
 def shipped_text(name: str) -> str:
@@ -198,10 +198,7 @@ def parse_turbine(text: str, *, source: str) -> TurbineDescription:
 
     `source` is the file's name for errors.
     """
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise TurbineError(f"{source}: not valid TOML: {error}") from error
+    document = toml_table(text, source, TurbineError)
     materials = document.pop("materials", {})
     if "tubes" in document:
         document["tubes"] = _with_materials(document["tubes"], materials, source)

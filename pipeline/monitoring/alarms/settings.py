@@ -23,7 +23,6 @@ file of a private authority.
 """
 
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,7 +31,7 @@ from urllib.parse import urlsplit
 
 from pipeline.state.books import WITHOUT_POSTERIOR
 from sensors.errors import InputError
-from sensors.settings import settings_from_table
+from sensors.settings import settings_from_table, toml_table
 
 KINDS = (
     *("change", "gap", "silence", "sensor", "clock", "untrusted", "refused", "node"),
@@ -217,13 +216,11 @@ def load_notices(path: Path) -> AlarmSettings:
         that is not set.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise AlarmError(f"--notices {path} cannot be read: {reason}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise AlarmError(f"{path}: not valid TOML: {error}") from error
-    return notices_settings(table, str(path))
+    return notices_settings(toml_table(text, str(path), AlarmError), str(path))
 
 
 def notices_settings(table: Mapping[str, Any], origin: str) -> AlarmSettings:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.messages import FoundationEvent
 from pipeline.report.canvas import css_colour
 from pipeline.report.wording import day
+from pipeline.state.phrases import in_hertz
 from pipeline.viewer.pictures import colours
 from sensors.acquisition.blocks import has_clock
 from sensors.arrays import FloatArray
@@ -125,7 +126,7 @@ def mark_modes(axes: Any, frequencies: Sequence[float], *, written: bool) -> Non
         )
         if written and frequency > MODE_LABEL_RATIO * last:
             axes.text(
-                frequency, 1.02, f"{frequency:.3g}", rotation=90, fontsize=7, ha="center",
+                frequency, 1.02, in_hertz(frequency), rotation=90, fontsize=7, ha="center",
                 va="bottom", transform=axes.get_xaxis_transform(),
             )  # fmt: skip
             last = frequency

@@ -12,6 +12,7 @@ from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.report.canvas import INK, PAPER, css_colour, page_figure
 from pipeline.report.pictures.axes import frequency_axis, mark_modes
 from pipeline.report.recorded_session import TurbineRecord
+from pipeline.state.phrases import in_hertz
 from pipeline.state.run_modes import CombinedMode
 from pipeline.viewer.pictures import colours
 from sensors.arrays import FloatArray
@@ -157,7 +158,7 @@ def auto_mac(record: TurbineRecord) -> str:
         return ""
     shapes = np.array([mode.shape for mode in modes])
     values = modal_assurance_criterion(shapes, shapes)
-    labels = [f"{mode.frequency:.3g}" for mode in modes]
+    labels = [in_hertz(mode.frequency) for mode in modes]
     with page_figure(4.0) as page:
         axes = page.figure.subplots()
         image = axes.imshow(values, vmin=0.0, vmax=1.0, cmap="cividis")
@@ -208,4 +209,4 @@ def prediction(posterior: FoundationPosterior | None) -> str:
 
 
 def _pair_label(pair: ModePair) -> str:
-    return f"mode {pair.model}, {pair.frequency:.3g} Hz"
+    return f"mode {pair.model}, {in_hertz(pair.frequency)} Hz"

@@ -6,6 +6,7 @@ import numpy as np
 import rerun as rr
 
 from pipeline.messages import ModalEstimate, Mode
+from pipeline.state.phrases import in_hertz
 from pipeline.viewer.drawing.entities import (
     entity_part,
     log_band_style,
@@ -87,7 +88,7 @@ def _log_change(
     path = f"{root}/frequencies/change/{entity_part(mode.name)}"
     if mode.name not in first:
         colour = colours.LEVELS[len(first) % len(colours.LEVELS)]
-        name = f"{mode.name}, {mode.frequency:.3g} Hz [%]"
+        name = f"{mode.name}, {in_hertz(mode.frequency)} Hz [%]"
         log_line_style(recording, path, name, colour, width=1.5)
     reference = first.setdefault(mode.name, mode.frequency)
     recording.log(path, rr.Scalars(100.0 * (mode.frequency / reference - 1.0)))

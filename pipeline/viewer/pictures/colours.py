@@ -11,6 +11,7 @@ ORANGE: Colour = (230, 159, 0)
 BLUISH_GREEN: Colour = (0, 158, 115)
 VERMILLION: Colour = (213, 94, 0)
 REDDISH_PURPLE: Colour = (204, 121, 167)
+BLUE: Colour = (0, 114, 178)
 GREY: Colour = (120, 120, 120)  # reads as well on Rerun's dark labels as on its light ones
 
 # One meaning per colour, in every view.
@@ -22,4 +23,5 @@ FAULT = VERMILLION
 NEUTRAL = GREY
 
 # Levels of the tower, lowest first; repeated for further levels.
-LEVELS = (SKY_BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, VERMILLION, GREY)
+# Seven: as many as a run has nodes.
+LEVELS = (SKY_BLUE, ORANGE, BLUISH_GREEN, REDDISH_PURPLE, VERMILLION, GREY, BLUE)

@@ -104,7 +104,7 @@ def _axis(values: FloatArray, truth: float | None) -> Axis:
     if truth is not None:
         low, high = min(low, truth), max(high, truth)
     margin = max(0.12 * (high - low), 1e-6)
-    return Axis(float(low - margin), float(high + margin))
+    return Axis(float(max(low - margin, 0.0)), float(high + margin))  # a ratio is positive
 
 
 def _round_step(step: float) -> float:
@@ -191,17 +191,21 @@ def _texts(axes: Sequence[Axis], names: Sequence[str]) -> tuple[Text, ...]:
     for i, (axis, name) in enumerate(zip(axes, names, strict=True)):
         texts.append(Text((i * PITCH + 0.5, i * PITCH - 0.15), f"{name} / nominal [-]"))
         for tick, position in zip(axis.ticks, axis.position(axis.ticks), strict=True):
-            label = f"{tick:.4g}"
+            label = f"{tick + 0.0:.4g}"  # 0, not -0
             texts.append(Text((i * PITCH + float(position), last * PITCH + 1.1), label))
             if i > 0:
                 texts.append(Text((-0.16, i * PITCH + 1.0 - float(position)), label))
     return tuple(texts)
 
 
+def _percent(value: float) -> str:
+    return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"  # 110, not 1.1e+02
+
+
 def _prior_texts(contraction: FloatArray | None) -> tuple[Text, ...]:
     left = np.empty(0) if contraction is None else 100.0 * (1.0 - contraction)
     return tuple(
-        Text((i * PITCH + 0.5, i * PITCH - 0.27), f"{percent:.2g} % of prior width")
+        Text((i * PITCH + 0.5, i * PITCH - 0.27), f"{_percent(percent)} % of prior width")
         for i, percent in enumerate(left)
         if np.isfinite(percent)
     )

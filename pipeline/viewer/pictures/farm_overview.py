@@ -78,7 +78,11 @@ def farm_markdown(statuses: Sequence[SessionStatus]) -> str:
     lines = [heads, ("---",) * len(heads), *(_row(status) for status in statuses)]
     table = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
     return "\n\n".join(
-        [*parts, table, "Median ± half of the 90 % interval; each turbine has a tab."]
+        [
+            *parts,
+            table,
+            "Median ± half of the 90 % interval, or the interval; each turbine has a tab.",
+        ]
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.state.phrases import in_hertz
 from pipeline.viewer.pictures.corner import Text
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -63,7 +64,7 @@ def mac_matrix(
     height, width = (square * count for count in values.shape)
     apart = int(np.ceil(LABEL_PITCH / square))  # so many squares from one label to the next
     left = [
-        Text((-18.0, square * (i + 0.5) - 8.0), f"{modes[i].frequency:.3g}")
+        Text((-18.0, square * (i + 0.5) - 8.0), in_hertz(modes[i].frequency))
         for i in range(0, len(modes), apart)
     ]
     below = [

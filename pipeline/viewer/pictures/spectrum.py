@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import rfft, rfftfreq
 
+from pipeline.state.phrases import in_hertz
 from pipeline.viewer.pictures.corner import Text
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -63,7 +64,7 @@ class FrequencyAxis:
         for frequency in self.shown(frequencies):
             x = float(self.position(frequency))
             if not texts or x - texts[-1].position[0] >= LABEL_DISTANCE:
-                texts.append(Text((x, y), f"{frequency:.3g}"))
+                texts.append(Text((x, y), in_hertz(frequency)))
         return tuple(texts)
 
 

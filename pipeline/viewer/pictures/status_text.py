@@ -228,8 +228,7 @@ def posterior_text(posterior: FoundationPosterior) -> str:
     Of the 90 % intervals. It is as short as the list of events is narrow.
     """
     parts = ", ".join(plus_minus(posterior.parameter(name)) for name in STIFFNESSES)
-    trust = "" if posterior.trusted else "NOT TRUSTED: "
-    return f"{trust}k ÷ nominal: {parts}"
+    return f"k ÷ nominal: {parts}" if posterior.trusted else f"NOT TRUSTED: k {parts}"
 
 
 def frequencies_text(frequencies: Sequence[float]) -> str:

@@ -13,13 +13,13 @@ name (nsu=http://maker.example/tower;s=ax).
 
 import difflib
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sensors.feeds.protocol import FeedError
+from sensors.settings import toml_table
 
 MOST_NODES = 20_000  # that are looked through
 NAMED_VARIABLES = 12  # in an error
@@ -90,15 +90,15 @@ def declared_nodes(option: str, names: Iterable[str]) -> dict[str, str]:
 
 def _of_file(path: Path) -> dict[str, str]:
     try:
-        table = tomllib.loads(path.read_text("utf-8"))
+        text = path.read_text("utf-8")
     except OSError as error:
         raise FeedError(
             f"nodes={path}: {error.strerror}; a pattern such as ns=2;s=Tower.{{name}}, or a file "
             "with the table [nodes]"
         ) from error
-    except ValueError as error:
+    except UnicodeDecodeError as error:
         raise FeedError(f"{path}: not valid TOML: {error}") from error
-    nodes = table.get("nodes")
+    nodes = toml_table(text, str(path), FeedError).get("nodes")
     if not isinstance(nodes, dict) or not all(isinstance(each, str) for each in nodes.values()):
         raise FeedError(f'{path}: a table [nodes] is needed, with lines such as ax = "ns=2;i=12"')
     return dict(nodes)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from sensors.feeds.protocol import FeedError
-from sensors.settings import settings_from_table
+from sensors.settings import settings_from_table, toml_table
 
 TIME_UNITS = {"auto": 0, "s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
 DECODERS = ("json", "sparkplug-b")
@@ -129,13 +129,12 @@ def mapping_named(text: str) -> PayloadMapping:
     if text in presets():
         return presets()[text]
     try:
-        table = tomllib.loads(Path(text).read_text("utf-8"))
+        content = Path(text).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise FeedError(
             f"mapping={text} is neither a file nor one of {', '.join(presets())}"
         ) from error
-    except tomllib.TOMLDecodeError as error:
-        raise FeedError(f"{text}: not valid TOML: {error}") from error
+    table = toml_table(content, text, FeedError)
     if not isinstance(table.get("mapping"), dict):
         raise FeedError(f"{text}: the section [mapping] is missing")
     return mapping_from_table(table["mapping"], f"{text} [mapping]")

@@ -96,7 +96,7 @@ def sort_columns(
     if wanted.time.column:
         columns, clock = _stated_clock(columns, wanted.time, path)
     else:
-        clock = _clock_columns(columns, path)
+        clock = _clock_columns(columns, path, wanted)
     times = [i for i, each in enumerate(columns) if i not in clock and _holds_time(each)]
     numbers = [i for i, each in enumerate(columns) if i not in clock and _counts(each)]
     texts = [i for i, each in enumerate(columns) if i not in clock and each.kind == "text"]
@@ -135,7 +135,7 @@ def no_such(names: Sequence[str]) -> str:
     return f"it has {', '.join(names)}"
 
 
-def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
+def _clock_columns(columns: Sequence[Column], path: Path, wanted: Wanted) -> tuple[int, ...]:
     dates = [i for i, each in enumerate(columns) if each.kind == "date"]
     clocks = [i for i, each in enumerate(columns) if each.kind == "time of day"]
     if dates and clocks:
@@ -147,11 +147,15 @@ def _clock_columns(columns: Sequence[Column], path: Path) -> tuple[int, ...]:
     first = columns[0] if columns else None
     if first is None or not _is_even_ramp(first) or _counts(first):
         return ()
+    rise = f"from {first.first[0]:g} by {first.first[1] - first.first[0]:.6g}"
+    if first.titled and wanted.rate_known:
+        log_once(f"{path}: column {first.name!r} rises evenly {rise} and is left out")
+        return (0,)
     if first.titled:
         raise FileError(
-            f"{path}: column {first.name!r} rises evenly from {first.first[0]:g} by "
-            f"{first.first[1] - first.first[0]:.6g}: call it 'time [s]' where it is the time, "
-            "'sample' where it counts the samples"
+            f"{path}: column {first.name!r} rises evenly {rise}: call it 'time [s]' where it is "
+            "the time, 'sample' where it counts the samples; --sampling-rate HZ leaves it out, "
+            f"[time] column = {first.name!r} of a layout takes it"
         )
     log_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
     return (0,)

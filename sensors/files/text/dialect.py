@@ -268,7 +268,7 @@ class _Beginning:
                 continue
             if not units and i and _are_units(cells) and self._titles_in(rows[i - 1], kinds):
                 units, units_at = cells, i + 1
-            elif all(cells[1 : len(cells) - (kinds[-1] == "empty")]):
+            elif _are_titles(cells, kinds):
                 titles, at = cells, i + 1
                 break
         begin = max(at, units_at)
@@ -357,6 +357,11 @@ def _most(kinds: Sequence[ColumnKind]) -> ColumnKind:
     most = max(seen.values(), default=0)
     preferred: tuple[ColumnKind, ...] = ("number", "moment", "date", "time of day", "text")
     return next((kind for kind in preferred if most and seen[kind] == most), "empty")
+
+
+def _are_titles(cells: Sequence[str], kinds: Sequence[ColumnKind]) -> bool:
+    """Whether each column but the first and those that hold nothing has one."""
+    return all(cell or kind == "empty" for cell, kind in zip(cells[1:], kinds[1:], strict=True))
 
 
 def _are_units(cells: Sequence[str]) -> bool:

@@ -8,6 +8,7 @@ and tips lean away from the tower; here both are then positive. Source: OpenFAST
 ElastoDyn and SubDyn input files.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from sensors.structure.foundation import FoundationSprings, TurbineError
 STEEL_MODULUS = 210e9  # of a tower of which the deck has only EI [Pa]
 TOWER_DENSITY = 8500.0  # with paint, bolts and flanges; NREL/TP-500-38060 [kg/m³]
 BLADE_ELEMENTS = 8  # of equal length, that stand for the deck's stations
+TIMOSHENKO = 3  # SubDyn's `FEMMod` of members that deform by shear too
 FEATHERED_PITCH = 90.0  # of a parked rotor [deg]
 ON_GROUND = 0.5  # a tower whose base is nearer to level 0 stands on land [m]
 
@@ -176,7 +178,10 @@ def tube_of(bottom: float, top: float, mass_per_length: float, rigidity: float) 
 
 
 def monopile_tubes(deck: Deck) -> tuple[Tube, ...]:
-    """Members of a SubDyn file as tubes, lowest first; TurbineError for a jacket."""
+    """Members of a SubDyn file as tubes, lowest first; TurbineError for a jacket.
+
+    They deform by shear where SubDyn's do (`FEMMod` 3).
+    """
     if deck.number("NReact") != 1:
         raise TurbineError(
             f"{deck.path}: it stands on {deck.text('NReact')} joints: no monopile, which has one"
@@ -189,17 +194,22 @@ def monopile_tubes(deck: Deck) -> tuple[Tube, ...]:
         int(row[0]): [float(value) for value in row[1:6]]
         for row in deck.table("PropSetID", int(deck.number("NPropSetsCyl", "NPropSets")))
     }
+    has_shear = deck.number("FEMMod") == TIMOSHENKO
     tubes = []
     for row in deck.table("MemberID", int(deck.number("NMembers"))):
         ends = sorted((joints[int(row[1])], joints[int(row[2])]), key=lambda joint: joint[2])
         if max(abs(ends[0][0] - ends[1][0]), abs(ends[0][1] - ends[1][1])) > 0.01:
             raise TurbineError(f"{deck.path}: member {row[0]} is not upright: no monopile")
         first, second = sections[int(row[3])], sections[int(row[4])]
-        modulus, _, density, diameter, thickness = (
+        modulus, shear_modulus, density, diameter, thickness = (
             (a + b) / 2 for a, b in zip(first, second, strict=True)
         )
         bottom, top = ends[0][2], ends[1][2]
-        tubes.append(Tube(bottom, top, diameter, thickness, modulus, density))
+        tube = Tube(bottom, top, diameter, thickness, modulus, density)
+        if has_shear and shear_modulus > 0:
+            ratio = modulus / (2 * shear_modulus) - 1  # ν of E = 2 (1 + ν) G
+            tube = replace(tube, shear=True, poisson_ratio=ratio)
+        tubes.append(tube)
     return tuple(sorted(tubes, key=lambda tube: tube.bottom))
 
 

@@ -1,6 +1,7 @@
 """Typical mistakes, three or more a command: exit code 2, one line, no traceback."""
 
 import os
+import shlex
 import sys
 from collections import Counter
 from pathlib import Path
@@ -226,6 +227,63 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("reprocess empty", "empty"),
     ("reprocess short.mcap --serial --workers 2", "exclude each other"),
     ("reprocess noise.csv --serial", "noise.csv"),
+    # files that are empty, of another kind, or beyond reach; a second round
+    ("run --source replay:empty", "the folder empty holds no recording"),
+    ("run --source replay:short.mcap --from 100 --to 50", "--from 100 --to 50 is no range"),
+    ("run --source replay:short.mcap --from 1e9", "which is 240 s long"),
+    ("run --source replay:short.mcap --loop 0", "--loop 0 plays nothing"),
+    ("run --source replay:short.mcap --scenario layout.toml", "unknown key 'channels'"),
+    ("run --source replay:short.mcap --speed nan", "--speed nan"),
+    ("run --source replay:short.mcap --out /proc/x", "--out /proc/x: No such file or directory"),
+    ("run --source replay:zero.mcap", "zero.mcap is not a recording"),
+    ("run --source header.csv", "header.csv: 0 sample(s) below the header"),
+    ("run --source 'Türm 7.csv'", "Türm 7.csv: where on the tower are low, high?"),
+    ("new zero.csv -o made", "zero.csv: the file is empty"),
+    ("new empty -o made", "empty: Is a directory"),
+    ("new Türm 7.csv -o made", "Türm: No such file or directory"),
+    ("new noise.csv -o made --sampling-rate -50", "it must be positive"),
+    ("new noise.csv -o made --zone Mars", "zone 'Mars' is no time zone"),
+    ("new noise.csv -o made --scada noise.csv", "none of low, high is wind"),
+    ("new noise.csv -o made --mudline -20", "are for --structure"),
+    ("new noise.csv -o made --layout german.toml", "numbers have a decimal point: 40.5"),
+    ("new noise.csv -o made --layout twice.toml", "twice.toml: channel 'low' is listed twice"),
+    ("new back.csv -o made", "time stands still or goes back at -10.000 s"),
+    ("new ragged.csv -o made", "line 32 has 4 columns where 3 are expected"),
+    ("new letters.csv -o made", "no column of numbers"),
+    ("new one.csv -o made", "one.csv: 1 sample; at least two are needed"),
+    ("import noise.csv --layout noise.csv -o a.mcap", "noise.csv: not valid TOML"),
+    ("import noise.csv --layout empty -o a.mcap", "Is a directory"),
+    ("import noise.csv -o a.mcap --layout layout.toml --at-most -3", "--at-most -3"),
+    ("import noise.csv -o a.mcap --layout tall.toml", "elevation 40000 m; heights are in metres"),
+    ("import noise.csv -o noise.csv --layout layout.toml", "noise.csv exists already"),
+    ("identify noise.csv --window nan", "--window nan s does not fit"),
+    ("identify noise.csv --rotor-speed -3", "--rotor-speed is -3 rpm"),
+    ("identify noise.csv --plot a.xyz", "Format 'xyz' is not supported"),
+    ("identify noise.csv --lowest-frequency -1", "it must be > 0"),
+    ("export short.mcap --csv -o noise.csv", "-o noise.csv: File exists; a folder is needed"),
+    ("show empty", "the folder empty holds no recording"),
+    ("audit zero.mcap", "give the folder of a run"),
+    ("calibrate short.mcap --design-std 0.2", "--design-std 0.2 is for --design"),
+    (
+        "calibrate short.mcap --design 1e9,1e11,1e9 --design-std -1",
+        "the design springs' standard deviation is -1",
+    ),
+    ("describe german.toml", "numbers have a decimal point: 40.5"),
+    ("describe empty", "empty: cannot be read as text: Is a directory"),
+    ("simulate german.toml -o a.mcap", "numbers have a decimal point: 40.5"),
+    ("simulate parked -o a.mcap --seed -1", "seed is -1"),
+    ("notices german.toml --test", "numbers have a decimal point: 40.5"),
+    ("notices wrong.toml --test", "unknown section 'maill'"),
+    ("feed udp://127.0.0.1:99999 --layout layout.toml", "port '99999'"),
+    ("feed mqtt://127.0.0.1/t?maping=gone --layout layout.toml", "did you mean 'mapping'?"),
+    ("feed mqtt://127.0.0.1/t?mapping=german.toml --layout layout.toml", "a decimal point: 40.5"),
+    ("feed serial:///dev/ttyX --layout layout.toml", "is no feed; one begins with"),
+    ("certificates noise.csv --unit t/tower", "a folder that can be written is needed"),
+    ("reprocess short.mcap --workers 0", "--workers"),
+    ("reprocess short.mcap -o noise.csv --serial", "a folder is needed"),
+    ("node updating --shard 5/4", "--shard '5/4' is not like 1/4"),
+    ("publish --source live", "--source live is what others publish"),
+    ("farm zero.mcap", "zero.mcap is not a recording"),
     # pilewatch itself
     ("cook", "No such command 'cook'"),
     ("run --sorce live", "No such option"),
@@ -290,6 +348,24 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
     (place / "low-scenario.toml").write_text('[turbine]\ndescription = "low.toml"\n')
     (place / "cut.mcap").write_bytes(short_recording.read_bytes()[:2000])
     (place / "empty").mkdir()
+    (place / "zero.csv").write_text("")
+    (place / "zero.mcap").write_bytes(b"")
+    (place / "header.csv").write_text("time [s],low,high\n")
+    (place / "one.csv").write_text("time [s],low,high\n0,1,2\n")
+    (place / "letters.csv").write_text("name,place\n" + "a,b\n" * 50)
+    rows = [f"{i / 50},1,2" for i in range(100)]
+    rows[30] += ",7"
+    (place / "ragged.csv").write_text("\n".join(["time [s],low,high", *rows]))
+    clock = np.arange(3000) / 50.0
+    clock[1500:] -= 40.0  # set anew in the middle
+    table = np.column_stack([clock, noise[:3000]])
+    header = "time [s],low [g],high [g]"
+    np.savetxt(place / "back.csv", table, delimiter=",", header=header, comments="")
+    (place / "german.toml").write_text(LAYOUT.format(second="high").replace("40.0", "40,5"))
+    (place / "twice.toml").write_text(LAYOUT.format(second="low"))
+    (place / "tall.toml").write_text(LAYOUT.format(second="high").replace("40.0", "40000.0"))
+    (place / "wrong.toml").write_text('[maill]\nto = "a@example.org"\n')
+    os.link(place / "noise.csv", place / "Türm 7.csv")
     os.link(short_recording, place / "short.mcap")
     return place
 
@@ -314,7 +390,7 @@ def test_a_mistake_is_one_line(
 ) -> None:
     monkeypatch.chdir(folder)
     before = {path.name for path in folder.iterdir()}
-    monkeypatch.setattr(sys, "argv", ["pilewatch", *line.split()])
+    monkeypatch.setattr(sys, "argv", ["pilewatch", *shlex.split(line)])
     with pytest.raises(SystemExit) as ended:
         main()
     printed = capsys.readouterr()

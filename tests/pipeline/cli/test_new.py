@@ -85,3 +85,34 @@ def test_the_commands_that_are_proposed_hold_names_with_blanks(
         printed
     )
     assert "cd 'mein Turm' && pilewatch run" in printed
+
+
+def test_an_unknown_unit_is_named(
+    nameless: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    header = "z20-fa [furlong],z40-fa [furlong]"
+    np.savetxt("two.csv", np.loadtxt("two.csv", delimiter=",", skiprows=1), header=header,
+               delimiter=",", comments="")  # fmt: skip
+    assert call("new two.csv -o mine --sampling-rate 20", monkeypatch) == 0
+    assert "the unit 'furlong' of z20-fa, z40-fa is not known" in caplog.text
+
+
+def test_a_time_under_another_name_is_left_out_where_the_rate_is_stated(
+    nameless: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    samples = np.loadtxt("two.csv", delimiter=",", skiprows=1)
+    table = np.column_stack([np.arange(400) / 20, samples])
+    np.savetxt("two.csv", table, delimiter=",", header="Punkt,ch1,ch2", comments="")
+    assert call("new two.csv -o mine", monkeypatch) == 2
+    assert "--sampling-rate HZ leaves it out" in capsys.readouterr().err
+    assert call("new two.csv -o mine --sampling-rate 20", monkeypatch) == 0
+    assert recording_info(Path("mine/recordings/two.mcap")).layouts[0].channel_names == (
+        "ch1",
+        "ch2",
+    )
+    call("identify two.csv --sampling-rate 20", monkeypatch)
+    assert "no mode was identified" in capsys.readouterr().err  # it was read: of noise
+    assert call("import two.csv --template", monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert 'name = "ch1"' in printed
+    assert 'name = "Punkt"' not in printed

@@ -14,6 +14,7 @@ from pipeline.report.sentences import (
     findings,
     headline,
     reasons_for_distrust,
+    sentence,
     structure_sentence,
 )
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, rejection
@@ -154,3 +155,9 @@ def test_modes_that_the_others_do_not_predict_are_a_share_or_none(
 ) -> None:
     published = replace(posterior(0), structure="uncertain", unpredicted_share=share)
     assert sentence in structure_sentence(published)
+
+
+@pytest.mark.parametrize("name", ["k22", "m3", "z145-fa"])
+def test_a_name_at_the_beginning_of_a_sentence_stays_as_it_is(name: str) -> None:
+    assert sentence(f"{name} is unlike the others") == f"{name} is unlike the others."
+    assert sentence("modes are few") == "Modes are few."

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.cli.tables.posteriors import figures_tables, posterior_table
 from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
-from pipeline.state.posterior_json import empty_summary, posterior_summary
+from pipeline.state.posterior_json import empty_summary, plus_minus, posterior_summary
 
 POSTERIOR = FoundationPosterior(
     turbine="small",
@@ -106,3 +106,10 @@ def test_ratios_are_to_nominal_not_to_the_median():
 
 def test_sigma_has_its_median_below_its_bound():
     assert posterior_summary(POSTERIOR)["sigma"] == {"median": 0.001, "p95": 0.003}
+
+
+def test_a_wide_posterior_is_its_interval_and_no_plus_minus() -> None:
+    narrow = ParameterSummary("k11", "N/m", 1e10, 1.1e10, 1.0e10, 1.2e10)
+    assert plus_minus(narrow) == "1.100 ± 0.100"
+    wide = ParameterSummary("k22", "N·m/rad", 8e11, 12e11, 4e11, 40e11)
+    assert plus_minus(wide) == "0.50 to 5.00"

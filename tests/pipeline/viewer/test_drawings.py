@@ -145,6 +145,15 @@ def test_a_flat_prior_is_as_high_as_its_density_on_the_scale_of_the_marginal():
     assert corner_plot(ratios, ("a", "b"), contraction=learned, flat_prior=False).priors == ()
 
 
+def test_a_posterior_that_learned_nothing_has_labels_that_can_be_read():
+    ratios = np.random.default_rng(3).lognormal(0.0, 1.0, size=(2000, 2))
+    plot = corner_plot(ratios, ("a", "b"), contraction=np.array([-0.09, 0.9]))
+    labels = [text.text for text in plot.texts]
+    assert "109 % of prior width" in labels
+    assert "10 % of prior width" in labels
+    assert not any(label.startswith("-") for label in labels)  # a ratio is positive
+
+
 def test_a_truth_far_from_the_posterior_is_inside_the_picture():
     rng = np.random.default_rng(3)
     ratios = rng.normal(1.0, 0.01, size=(500, 2))

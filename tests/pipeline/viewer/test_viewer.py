@@ -3,6 +3,7 @@
 import logging
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,12 +16,14 @@ from pipeline.messages import (
     ModalEstimate,
     RelativeStiffness,
 )
+from pipeline.viewer.blueprint import _shapes, turbine_tabs
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError
+from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
 from pipeline.viewer.turbine_view import MOST_AHEAD, TurbineView
 from pipeline.viewer.update_rates import TO_FILE
-from pipeline.viewer.view_parameters import time_series, with_margins
+from pipeline.viewer.view_parameters import ViewParameters, time_series, with_margins
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.structure.description import bare_mast
@@ -329,7 +332,8 @@ def test_status_and_events_tell_the_session(recorded: Recorded):
     assert sum("window 1 rejected" in text for text in events) == 1
     assert sum("÷ nominal" in text for text in events) == 2
     levels = [level for (level,) in recorded.column(f"{ROOT}/events", "TextLog:level")]
-    assert levels.count("WARN") == 2  # the gap and the rejected window
+    assert levels.count("WARN") == 3  # the gap, the rejected window, a warning of both others
+    assert sum(text.split("  ")[1].startswith("close-modes: 0.157") for text in events) == 1
 
 
 def test_the_last_window_has_its_spectra_and_its_mac_matrix(recorded: Recorded):
@@ -546,3 +550,39 @@ def test_changes_of_frequencies_are_relative_to_their_first_window(recorded: Rec
     changes = recorded.scalars(f"{ROOT}/frequencies/change/m5")[:, 0]
     absolute = recorded.scalars(f"{ROOT}/frequencies/identified/m5")[:, 0]
     assert changes == pytest.approx(100 * (absolute / absolute[0] - 1))
+
+
+def test_titles_name_a_truth_only_where_one_is_drawn() -> None:
+    for has_truth in (False, True):
+        layout = ViewParameters("t1", (), ("1",), 50.0, has_truth=has_truth)
+        (*_, foundation, _) = turbine_tabs(layout).contents
+        titles = [str(each.name) for each in _views(foundation)]
+        assert sum("truth green" in title for title in titles) == 5 * has_truth
+
+
+def _views(part: Any) -> list[Any]:
+    if not isinstance(part, rrb.Container):
+        return [part]
+    return [view for each in part.contents for view in _views(each)]
+
+
+def test_the_camera_sees_every_shape_of_modes_alone() -> None:
+    """A row of twelve is farther away than one of eight, which just fits."""
+    few, many = (
+        _shapes("/t1", ViewParameters("t1", (), modes, 50.0, has_structure=False), room=8)
+        for modes in (("m",) * 8, ("m",) * 12)
+    )
+    away = [float(np.linalg.norm(np.subtract(*_camera(view)))) for view in (few, many)]
+    assert away[1] / away[0] == pytest.approx(1.5, rel=0.01)
+
+
+def _camera(view: Any) -> tuple[Any, Any]:
+    eye = view.properties["EyeControls3D"]
+    return (
+        np.array(eye.position.as_arrow_array().to_pylist()[0]),
+        np.array(eye.look_target.as_arrow_array().to_pylist()[0]),
+    )
+
+
+def test_a_run_has_as_many_colours_as_nodes() -> None:
+    assert len(set(colours.LEVELS)) == len(colours.LEVELS) >= 7

@@ -1,10 +1,12 @@
 """Height, axis and kind of a channel, read from the names that loggers and people give."""
 
+import numpy as np
 import pytest
 
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.errors import InputError
-from sensors.files.channel_names import guess_channels, other_quantity, placed
+from sensors.files.channel_names import guess_channels, other_quantity, placed, split_motions
+from sensors.files.table import ChannelTable
 
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
@@ -33,6 +35,8 @@ X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
         ("Turm 45m Quer", 45.0, Y),
         ("Beschl. 45 m vertikal", 45.0, Z),
         ("45 m Ost", 45.0, Y),
+        ("Acc_16m5_FA", 16.5, X),
+        ("TWR 8m5 Y", 8.5, Y),
     ],
 )
 def test_height_and_axis_are_read_from_a_channels_name(
@@ -171,3 +175,19 @@ def test_an_answer_without_height_or_axis_is_refused(answer: str) -> None:
     (channel,) = guess_channels(["ch1"])
     with pytest.raises(InputError, match="a height in metres and an axis are needed"):
         placed(channel, answer)
+
+
+def table_of(*units: str) -> ChannelTable:
+    samples = np.random.default_rng(1).standard_normal((10, len(units)))
+    names = tuple(f"z{20 * (i + 1)}-fa" for i in range(len(units)))
+    return ChannelTable(names, units, samples, None)
+
+
+def test_channels_without_a_scale_are_left_out_beside_channels_that_have_one() -> None:
+    columns, left_out = split_motions(table_of("m/s²", "V", "furlong", ""))
+    assert columns == [0, 3]
+    assert [str(each) for each in left_out] == [
+        "z40-fa (in V, beside channels in m/s²)",
+        "z60-fa (in furlong, beside channels in m/s²)",
+    ]
+    assert split_motions(table_of("V", "V")) == ([0, 1], ())

@@ -28,6 +28,7 @@ def test_fields_are_found_by_name_and_unit() -> None:
     "names",
     [
         ("Windgeschwindigkeit", "Drehzahl Rotor", "Leistung", "Wasserstand"),
+        ("Windgeschw.", "Drehzahl Rotor", "Leistung", "Pegel"),
         ("Windsnelheid", "Toerental", "Vermogen", "Waterstand"),
         ("Vindhastighed", "Omdrejninger", "Effekt", "Vandstand"),
     ],

@@ -119,3 +119,29 @@ def test_what_a_layout_says_of_one_channel_makes_the_unstated_ones_accelerations
     measured = tmp_path / "mixed.csv"
     measured.write_text("\n".join(["time [s],a,b,disp-c", *(f"{i / 50},1,2,3" for i in range(4))]))
     assert load_layout(path).chosen(read_file(measured)).quantities == quantities
+
+
+@pytest.mark.parametrize(
+    ("statement", "titles", "message"),
+    [
+        ('unit = "furlong"', "a,b", "channel 'a': unit 'furlong' is not known"),
+        ("", "a [V],b [g]", "channel 'a' is in V, others are in m/s²: state its unit"),
+    ],
+)
+def test_samples_of_no_known_scale_are_one_line(
+    tmp_path: Path, statement: str, titles: str, message: str
+) -> None:
+    path = tmp_path / "layout.toml"
+    path.write_text(f"{CHANNEL}{statement}\n" + CHANNEL.replace('"a"', '"b"'), encoding="utf-8")
+    measured = tmp_path / "volts.csv"
+    measured.write_text(f"time [s],{titles}\n0.0,0.5,1\n0.1,-1.0,2\n")
+    with pytest.raises(LayoutError, match=message):
+        load_layout(path).chosen(read_file(measured))
+
+
+@pytest.mark.parametrize("height", ["1e300", "80000.0", "-80000"])
+def test_a_height_that_no_structure_has_is_one_line(tmp_path: Path, height: str) -> None:
+    path = tmp_path / "layout.toml"
+    path.write_text(CHANNEL.replace("80.0", height))
+    with pytest.raises(LayoutError, match="heights are in metres above mean water level"):
+        load_layout(path)

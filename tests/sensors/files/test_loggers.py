@@ -2,6 +2,7 @@
 
 import gzip
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -255,3 +256,22 @@ def test_a_campbell_table_of_unknown_units_has_titles(tmp_path: Path) -> None:
     table = read_file(written(tmp_path / "a.dat", text))
     assert table.names == ("a", "b", "c")
     assert table.units == ("volts", "bits", "ticks")
+
+
+def test_a_spreadsheets_empty_columns_at_the_end_need_no_titles(tmp_path: Path) -> None:
+    text = "sep=;\nTime [s];a [g];b [g];;\n" + "".join(
+        f"{i / RATE:.3f};{a:.6E};{b:.6E};;\n".replace(".", ",") for i, (a, b) in enumerate(SAMPLES)
+    )
+    table = read_file(written(tmp_path / "a.csv", text))
+    assert table.names == ("a", "b")
+    assert table.units == ("m/s²", "m/s²")
+    np.testing.assert_allclose(table.samples, SAMPLES * STANDARD_GRAVITY, rtol=1e-6)
+
+
+def test_a_stated_rate_leaves_out_a_time_under_another_name(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = written(tmp_path / "a.csv", "when,a,b\n" + rows(seconds))
+    table = read_file(path, None, replace(EVERYTHING, rate_known=True))
+    assert table.names == ("a", "b")
+    assert "column 'when' rises evenly from 0 by 0.02 and is left out" in caplog.text

@@ -104,6 +104,7 @@ def test_the_text_is_read_again_as_the_same_structure(oc3: TurbineDescription) -
         assert again.blades is not None
         assert turbine.blades is not None
         assert again.name == turbine.name
+        assert [tube.shear for tube in again.tubes] == [tube.shear for tube in turbine.tubes]
         for attribute in ("bottom", "diameter", "thickness", "density", "youngs_modulus"):
             np.testing.assert_allclose(
                 [getattr(tube, attribute) for tube in again.tubes],
@@ -115,6 +116,7 @@ def test_the_text_is_read_again_as_the_same_structure(oc3: TurbineDescription) -
 
 
 SUBDYN = """
+{theory} FEMMod - element model
 {legs} NReact
 {members} NMembers
 3 NJoints
@@ -137,11 +139,23 @@ PropSetID YoungE ShearG MatDens XsecD XsecT
 @pytest.mark.parametrize("sections", ["NPropSets", "NPropSetsCyl"])
 def test_a_monopile_of_any_version_of_subdyn_is_read(tmp_path: Path, sections: str) -> None:
     path = tmp_path / "a.dat"
-    path.write_text(SUBDYN.format(legs=1, members=2, x=0.0, sections=sections))
+    path.write_text(SUBDYN.format(theory=1, legs=1, members=2, x=0.0, sections=sections))
     assert [(tube.bottom, tube.top) for tube in monopile_tubes(Deck(path))] == [
         (-20.0, -5.0),
         (-5.0, 10.0),
     ]
+
+
+@pytest.mark.parametrize(("theory", "shear"), [(1, False), (3, True)])
+def test_a_monopile_deforms_by_shear_where_subdyn_has_it_so(
+    tmp_path: Path, theory: int, shear: bool
+) -> None:
+    path = tmp_path / "a.dat"
+    text = SUBDYN.format(theory=theory, legs=1, members=2, x=0.0, sections="NPropSetsCyl")
+    path.write_text(text.replace("8.08e10", "7.5e10"))
+    for tube in monopile_tubes(Deck(path)):
+        assert tube.shear is shear
+        assert tube.poisson_ratio == pytest.approx(0.4 if shear else 0.3)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +164,7 @@ def test_a_monopile_of_any_version_of_subdyn_is_read(tmp_path: Path, sections: s
 )
 def test_a_jacket_is_refused_in_one_line(tmp_path: Path, legs: int, x: float, message: str) -> None:
     path = tmp_path / "a.dat"
-    path.write_text(SUBDYN.format(legs=legs, members=2, x=x, sections="NPropSets"))
+    path.write_text(SUBDYN.format(theory=1, legs=legs, members=2, x=x, sections="NPropSets"))
     with pytest.raises(TurbineError, match=message):
         monopile_tubes(Deck(path))
 
