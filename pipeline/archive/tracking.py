@@ -17,8 +17,7 @@ from pipeline.messages import (
     WindowRejected,
     rejected_estimate,
 )
-from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
-from pipeline.oma.tracking import ChannelPlaces, ModeTracker, TrackerState
+from pipeline.oma.tracking import ChannelPlaces, ChannelSwapMonitor, ModeTracker, TrackerState
 from sensors.acquisition.blocks import NANOSECONDS
 
 FORGETTING = 12  # windows at most by which a gap, however long, widens what is expected of a mode

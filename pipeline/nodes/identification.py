@@ -37,9 +37,8 @@ from pipeline.nodes.units.block_admission import NO_LAYOUT, Admission
 from pipeline.nodes.units.joined_session import SILENT, IdentifiedSession, JoinedSession
 from pipeline.nodes.units.resuming import IdentificationState, needed_messages
 from pipeline.nodes.window_identification import WindowContext
-from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.tracking import DIES_AFTER
+from pipeline.oma.tracking import DIES_AFTER, ChannelSwapMonitor
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample

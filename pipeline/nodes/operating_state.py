@@ -8,8 +8,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from pipeline.messages import ModalEstimate, Mode, WindowRejected, rejected_estimate
+from pipeline.messages import (
+    ModalEstimate,
+    Mode,
+    QualityWarning,
+    WindowRejected,
+    rejected_estimate,
+)
 from pipeline.modal_assurance import normalised_to, renormalised_factor
+from pipeline.oma.data_quality.coupled_harmonics import TURNING_ROTOR
+from pipeline.oma.data_quality.input_checks import NON_STATIONARY
+from pipeline.oma.data_quality.turning_rotor import SLOWEST
 from sensors.acquisition.layout import SensorLayout, turning_matrix
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
@@ -25,9 +34,15 @@ KEPT_SAMPLES = 10_000  # SCADA samples that are remembered: more than a day at 1
 class OperationSettings:
     """Which windows may update the foundation."""
 
-    allowed_states: tuple[str, ...] = ("parked", "idling")  # "" (unknown) always may
+    allowed_states: tuple[str, ...] = ("parked", "idling")
+    """A window of an unknown state is used unless it shows another one."""
     unusable: ClassVar[tuple[str, ...]] = ("duplicate-channel", "clipped")
     """Codes that spoil the shapes."""
+    states_of_code: ClassVar[dict[str, tuple[str, ...]]] = {
+        TURNING_ROTOR: ("operating",),
+        NON_STATIONARY: ("start", "stop"),
+    }
+    """States that a window of a code may be of, where nothing reports any."""
 
     def __post_init__(self) -> None:
         for state in self.allowed_states:
@@ -118,10 +133,30 @@ def usable_estimate(
     for warning in estimate.warnings:
         if warning.code in settings.unusable:
             return rejected_estimate(estimate, warning.code, f"{warning.text}; not used")
+    shown = None if state else _shown_state(estimate, settings)
+    if shown is not None:
+        reason = (
+            f"{shown.text}; nothing reports the turbine's state, and only {' and '.join(allowed)} "
+            "windows update the foundation"
+        )
+        return rejected_estimate(estimate, shown.code, reason)
     if estimate.end_ns <= estimate.start_ns:
         text = "the window ends where it begins: its unit's clock was set"
         return rejected_estimate(estimate, "no-duration", text)
     return estimate if layout is None else in_nacelle_axes(estimate, layout)
+
+
+def _shown_state(estimate: ModalEstimate, settings: OperationSettings) -> QualityWarning | None:
+    """Return what shows that a window of an unknown state is of none that is allowed."""
+    warnings = list(estimate.warnings)
+    if estimate.rotor_speed >= SLOWEST:  # not where it is unknown
+        text = f"the rotor turns at {estimate.rotor_speed:.3g} rpm"
+        warnings.insert(0, QualityWarning(TURNING_ROTOR, text))
+    for warning in warnings:
+        states = settings.states_of_code.get(warning.code)
+        if states is not None and not set(states) & set(settings.allowed_states):
+            return warning
+    return None
 
 
 def in_nacelle_axes(estimate: ModalEstimate, layout: SensorLayout) -> ModalEstimate:

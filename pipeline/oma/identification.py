@@ -17,13 +17,10 @@ from pipeline.oma.band_merging import (
 )
 from pipeline.oma.close_modes import UNRESOLVED, resolved_by_evidence, with_lone_modes
 from pipeline.oma.cross_check import CrossCheck, cross_checks, disagreements
-from pipeline.oma.data_quality.coupled_harmonics import (
-    CoupledHarmonics,
-    coupled_harmonics,
-    rotor_speed_of,
-)
+from pipeline.oma.data_quality.coupled_harmonics import without_machines
 from pipeline.oma.data_quality.input_checks import (
     HARMONIC_DAMPING,
+    NON_STATIONARY,
     Finding,
     check_samples,
     check_timestamps,
@@ -31,7 +28,6 @@ from pipeline.oma.data_quality.input_checks import (
     is_harmonic,
     mended,
 )
-from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
 from pipeline.oma.data_quality.sea_humps import without_sea_humps
 from pipeline.oma.preprocessing import decimated, filled, on_even_grid, without_offset
 from pipeline.oma.settings import OmaSettings
@@ -101,7 +97,8 @@ def identify(
     quantities      what each channel measures; by default all the same
     rotor_speed     at each sample, (n,) [rpm]: harmonics of a turning rotor are taken off along its
                     angle (`rotor_harmonics.py`), and what follows it is no mode; where it is not
-                    known, two harmonics that keep one phase say it (`coupled_harmonics.py`)
+                    known, two harmonics that keep one phase say it (`coupled_harmonics.py`), and
+                    weak ones warn that a rotor turns (`turning_rotor.py`)
     cross_checked   every mode is estimated a second time from its spectral peak (`cross_check.py`);
                     where the two differ by more than their std allow, a warning says so
 
@@ -137,7 +134,7 @@ def identify(
     )
     steady = without_offset(clean)
     del clean  # a window of a fast recorder has gigabytes
-    rest = _without_machines(steady, sampling_rate, rotor_speed)
+    rest = without_machines(steady, sampling_rate, rotor_speed)
     steady = rest.samples
     integrations = integrations_of(quantities, samples.shape[1])
     by_band = _modes_by_band(steady, bands, settings, references, integrations)
@@ -169,45 +166,6 @@ def _modes_by_band(
         )
         for band in bands
     ]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _WithoutMachines:
-    """A window less the harmonics of a turning rotor."""
-
-    samples: FloatArray
-    left: FloatArray | None = None  # what that has left of each line's power; None: all
-    follows: Callable[[float], bool] = lambda _: False  # whether a frequency [Hz] is a harmonic's
-    warnings: tuple[QualityWarning, ...] = ()
-
-
-def _without_machines(
-    steady: FloatArray, sampling_rate: float, rotor_speed: FloatArray | None
-) -> _WithoutMachines:
-    """The window less what follows a rotor of known speed; or else what keeps one phase with it."""
-    duration = len(steady) / sampling_rate
-    if rotor_speed is not None and turns(rotor_speed):
-        rest = without_harmonics(steady, sampling_rate, rotor_speed)
-        coupled = coupled_harmonics(rest.samples, sampling_rate)
-        return _WithoutMachines(
-            rest.samples,
-            rest.left,
-            lambda f: follows_rotor(f, duration, rotor_speed),
-            () if coupled is None else (_of_a_machine(coupled, TOLD_BY_SPEED),),
-        )
-    coupled = coupled_harmonics(steady, sampling_rate)
-    if coupled is None:
-        return _WithoutMachines(steady)
-    if not coupled.is_pure:
-        return _WithoutMachines(steady, warnings=(_of_a_machine(coupled, TOLD_BY_SPEED),))
-    speed = rotor_speed_of(coupled, steady, sampling_rate)
-    rest = without_harmonics(steady, sampling_rate, speed)
-    return _WithoutMachines(
-        rest.samples,
-        np.where(coupled.holds(np.arange(len(rest.left)) / duration), 0.0, rest.left),
-        lambda f: bool(coupled.holds(np.array(f))) or follows_rotor(f, duration, speed),
-        (_of_a_machine(coupled, TAKEN_OFF),),
-    )
 
 
 def _without_followers(found: Identification, follows: Callable[[float], bool]) -> Identification:
@@ -254,7 +212,7 @@ def concluded(
     if steady.shape[1] <= MOST_FITTED_CHANNELS:
         spectrum = WindowSpectrum(steady, sampling_rate, integrations, left)
         twins = _twins_beside(by_band, [*judged.modes, *judged.harmonics])
-        stationary = all(finding.code != "non-stationary" for finding in findings)
+        stationary = all(finding.code != NON_STATIONARY for finding in findings)
         reach = (
             max(LOWEST_PEAK / spectrum.duration, min(each.band.lowest for each in by_band)),
             max(each.band.highest for each in by_band),
@@ -377,22 +335,6 @@ def _steady_amplitude(mode: Mode) -> QualityWarning:
         "harmonic",
         f"what shakes at {mode.frequency:.4g} Hz keeps its amplitude: a machine's harmonic, "
         "not taken for a mode",
-    )
-
-
-TOLD_BY_SPEED = "a mode reported there may be one of them, which the rotor's speed would take off"
-TAKEN_OFF = (
-    "taken off along the phase that they keep; a mode within 3 % of them is not seen, for which "
-    "the rotor's speed must be known"
-)
-
-
-def _of_a_machine(coupled: CoupledHarmonics, consequence: str) -> QualityWarning:
-    lower, upper = coupled.frequency, coupled.ratio * coupled.frequency
-    return QualityWarning(
-        "harmonic",
-        f"what shakes at {lower:.3g} and at {upper:.3g} Hz keeps one phase (coherence "
-        f"{coupled.coherence:.2f}): harmonics of a machine, as of a turning rotor; {consequence}",
     )
 
 

@@ -21,11 +21,12 @@ poles are, or to the 1e-3 that their std is; and the poles of every order follow
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.oma.data_quality.coupled_harmonics import coupled_harmonics
+from pipeline.oma.data_quality.coupled_harmonics import coupled_harmonics, rotor_warnings
 from pipeline.oma.identification import (
     Identification,
     check_window,
@@ -235,4 +236,6 @@ class StreamingIdentifier:
                 references,
             )
             by_band.append(modes_of_covariances(covariances, ring.band, self._settings))
-        return concluded(by_band, steady - offset, self._rate, findings, self._settings)
+        found = concluded(by_band, steady - offset, self._rate, findings, self._settings)
+        turning = rotor_warnings(steady - offset, self._rate)
+        return replace(found, warnings=(*found.warnings, *turning))

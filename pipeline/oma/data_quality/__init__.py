@@ -1,1 +1,1 @@
-"""Is the measurement fit to be identified: inputs, blocks, swapped channels, clocks."""
+"""Is the measurement fit to be identified: inputs, blocks, clocks, machines."""

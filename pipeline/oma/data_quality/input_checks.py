@@ -35,6 +35,7 @@ SPIKE_SURROUNDINGS = 10  # samples to either side that are around it
 SPIKE_IN_PLACE = 7.0  # and in std of the differences about it, which a gust or a stop raises
 SPIKE_NEIGHBOURHOOD = 50  # samples to either side that this std is taken over
 MOST_SPIKES = 1e-3  # share of a channel's samples that is interpolated; more is no accident
+NON_STATIONARY = "non-stationary"  # code of the warning
 STEADY_ENVELOPE = 0.15  # std/mean of a harmonic's amplitude; 0.52 for a mode under random load
 HARMONIC_DAMPING = 0.003  # an identified mode of less may be a harmonic [-]
 ENVELOPE_LINES = 6  # half-width of the band the envelope is taken in, in lines 1/T
@@ -270,7 +271,7 @@ def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> t
         text = _decay_in_words(decay)
     else:
         return ()
-    return (Finding("non-stationary", text, "warn"),)
+    return (Finding(NON_STATIONARY, text, "warn"),)
 
 
 def _decay_in_words(decay: RingDown) -> str:

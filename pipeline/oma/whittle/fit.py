@@ -12,6 +12,7 @@ wholly. F of the modes is what is left of it where the background is unknown.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -107,7 +108,7 @@ def fitted(
         damped = free.information + np.diag(scale)
         step = np.asarray(np.linalg.solve(damped, -free.gradient), dtype=np.float64)
         n_modal = along.shape[1]
-        moved = _moved(state.modes, along @ step[:n_modal], step[n_modal:])
+        moved = _moved(state, along @ step[:n_modal], step[n_modal:])
         proposal = _State(moved, band, prior)
         decrease = state.cost - proposal.cost
         if decrease > 0:
@@ -121,14 +122,15 @@ def fitted(
     return WhittleFit(state.modes, state.cost, curvature.of_modes(), along, converged)
 
 
-def _moved(modes: CloseModes, step: FloatArray, by_noise: FloatArray) -> CloseModes:
+def _moved(state: "_State", step: FloatArray, by_noise: FloatArray) -> CloseModes:
     """The modes and their background a step further, or as far as the derivatives hold.
 
     step       of the modes' parameters
     by_noise   X, its components as `symmetric_of` takes them
     """
+    modes = state.modes
     values, vectors = np.linalg.eigh(symmetric_of(by_noise, len(modes.noise)))
-    root = _square_root(modes.noise) @ vectors
+    root = state.noise_root @ vectors
     forces = slice(2 * modes.n_modes, 3 * modes.n_modes)
     step[forces] = np.clip(step[forces], -LARGEST_FACTOR, LARGEST_FACTOR)
     moved = stepped(modes, step / max(_excess(step, modes), 1.0))
@@ -183,7 +185,7 @@ class Curvature:
         inner = directions.T @ self.information[:n, :n] @ directions
         return Curvature(
             np.concatenate([directions.T @ self.gradient[:n], self.gradient[n:]]),
-            np.block([[inner, across], [across.T, self.information[n:, n:]]]),
+            _symmetric(inner, across, self.information[n:, n:]),
             directions.shape[1],
         )
 
@@ -222,6 +224,11 @@ class _State:
             prior_cost += 0.5 * float((((modes.colours - COLOUR) / COLOUR_STD) ** 2).mean())
             self.cost = float(band.n_lines * log_noise + log_rest + left.real + prior_cost)
 
+    @cached_property
+    def noise_root(self) -> FloatArray:
+        """The symmetric L with L L = N, (n_channels, n_channels)."""
+        return _square_root(self.modes.noise)
+
     def curvature(self) -> Curvature:
         """Gradient of J and F."""
         self._inverse = self._precision - self._loads @ self._of_rows  # E⁻¹
@@ -229,12 +236,12 @@ class _State:
         self._free = np.ones((self.modes.n_modes, len(self.modes.shapes)), dtype=bool)
         self._free[np.arange(self.modes.n_modes), self.modes.units] = False
         gradient, information = self._of_modes()
-        root = _square_root(self.modes.noise)
+        root = self.noise_root
         by_noise, of_noise = self._of_noise(root)
         across = self._across(root)
         return Curvature(
             np.concatenate([gradient, by_noise]),
-            np.block([[information, across], [across.T, of_noise]]),
+            _symmetric(information, across, of_noise),
             len(gradient),
         )
 
@@ -275,7 +282,7 @@ class _State:
         off = across.reshape(n_inner_parameters, -1)[:, chosen]
         both = shapes.reshape(m * n_channels, -1)[np.ix_(chosen, chosen)]
         gradient = np.concatenate([inner, by_shape.ravel()[chosen]])
-        information = np.block([[by_inner, off], [off.T, both]])
+        information = _symmetric(by_inner, off, both)
         at = np.arange(n_inner(m) - m, n_inner(m))
         gradient[at] += (modes.colours - COLOUR) / (m * COLOUR_STD**2)
         information[at, at] += 1 / (m * COLOUR_STD**2)
@@ -309,6 +316,15 @@ class _State:
         both = 2 * _real_product(before.T, after).reshape(m, n, n, n).transpose(0, 3, 1, 2)
         shapes = along_symmetric(both.reshape(m * n, -1)[self._free.ravel()], n)
         return np.concatenate([inner, shapes])
+
+
+def _symmetric(first: FloatArray, across: FloatArray, second: FloatArray) -> FloatArray:
+    """The matrix of two diagonal blocks and what is across, (n + m, n + m)."""
+    n = len(first)
+    whole = np.empty((n + len(second), n + len(second)))
+    whole[:n, :n], whole[:n, n:] = first, across
+    whole[n:, :n], whole[n:, n:] = across.T, second
+    return whole
 
 
 def _real_product(one: ComplexArray, other: ComplexArray) -> FloatArray:

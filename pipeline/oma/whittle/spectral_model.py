@@ -121,7 +121,10 @@ def with_derivatives(modes: CloseModes, numbers: FloatArray) -> ModalSpectra:
     p = modes.forces @ modes.forces.conj().T / decay
     poles = np.concatenate([np.full(m, 2j * np.pi), -2 * np.pi * modes.half_widths])
     dp = np.concatenate([_by_poles(p / decay, poles), _by_forces(modes.forces) / decay])
-    found = left[:, None] * dp + dp * right[:, None]
+    by_each = np.zeros((len(numbers), n_inner(m), m, m), dtype=complex)
+    found, coloured = by_each[:, :-m], by_each[:, -m:]
+    np.multiply(left[:, None], dp, out=found)
+    found += dp * right[:, None]
     moved = du[:, :, None] * p
     for first in (0, m):
         step = poles[first : first + m, None]
@@ -131,12 +134,12 @@ def with_derivatives(modes: CloseModes, numbers: FloatArray) -> ModalSpectra:
     mirrored = 1 / (modes.positions + numbers.mean()) - 1 / (modes.positions + numbers[:, None])
     found[:, each, each, :] += mirrored[:, :, None] * plain
     found[:, each, :, each] += (mirrored[:, None, :] * plain).transpose(2, 0, 1)
-    coloured = np.zeros((len(numbers), m, m, m), dtype=complex)
     half = 0.5 * log_numbers(numbers)[:, None, None] * plain
     coloured[:, each, each, :] += half
     coloured[:, each, :, each] += half.transpose(2, 0, 1)
     tint = tints(modes, numbers)
-    return ModalSpectra(tint * plain, tint[:, None] * np.concatenate([found, coloured], axis=1))
+    by_each *= tint[:, None]
+    return ModalSpectra(tint * plain, by_each)
 
 
 def _by_poles(relative: ComplexArray, steps: ComplexArray) -> ComplexArray:

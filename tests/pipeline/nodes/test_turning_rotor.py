@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.messages import ModalEstimate
+from pipeline.messages import ModalEstimate, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.operating_state import OperationLog
+from pipeline.nodes.operating_state import OperationLog, OperationSettings, usable_estimate
 from pipeline.oma.settings import OmaSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
@@ -90,3 +90,18 @@ def test_the_speed_runs_straight_between_reports_and_leaves_out_what_is_not_know
     assert speed is not None
     assert speed[[0, 30, 60, 79]] == pytest.approx([6.0, 7.0, 8.0, 8.0])
     assert OperationLog().rotor_speed(START, end_ns, 80) is None
+
+
+@pytest.mark.parametrize("reported", [False, True])
+def test_a_rotor_that_nothing_reports_keeps_its_window_from_the_posterior(reported: bool) -> None:
+    """Harmonics in noise, with and without the state by SCADA."""
+    speed = turning()[1]
+    angle = 2 * np.pi * np.cumsum(speed / 60) / RATE
+    quiet = np.random.default_rng(4).standard_normal((len(speed), 2))
+    blades = 3 * (np.cos(3 * angle) + 0.3 * np.cos(6 * angle))
+    found = estimate(quiet + np.outer(blades, [1.0, 0.3]), controller(speed, 10.0) * reported)
+    shown = [each.code for each in found.warnings if each.code == "turning-rotor"]
+    assert shown == ([] if reported else ["turning-rotor"])
+    answer = usable_estimate(found, OperationSettings(), None)
+    assert isinstance(answer, WindowRejected)
+    assert answer.code == ("operating-state" if reported else "turning-rotor")

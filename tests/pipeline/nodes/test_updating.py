@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pipeline.messages import (
     FoundationPosterior,
@@ -119,6 +120,53 @@ def test_only_windows_of_the_allowed_states_are_used():
         if isinstance(answer, WindowRejected):
             assert answer.code == "operating-state"
             assert f"the turbine was {state}" in answer.reason
+
+
+TURNING = QualityWarning("turning-rotor", "what shakes at .1 and at .3 Hz are harmonics")
+STOPPING = QualityWarning("non-stationary", "a stop or a start")
+
+
+def updating_of(*states):
+    updater = FoundationUpdater(LinearTower(), LAYOUT, SETTINGS, seed=1)
+    return TurbineUpdating(updater, LAYOUT, OperationSettings(states))
+
+
+@pytest.mark.parametrize("warning", [TURNING, STOPPING])
+def test_a_window_of_an_unknown_state_that_shows_another_one_is_not_used(warning):
+    node = updating_of("parked", "idling")
+    (refused,) = node.handle(replace(estimate_of(0), warnings=(warning,)))
+    assert isinstance(refused, WindowRejected)
+    assert refused.code == warning.code
+    assert refused.reason == (
+        f"{warning.text}; nothing reports the turbine's state, and only parked and idling windows "
+        "update the foundation"
+    )
+    assert node.state.evidence.n_windows == 0
+    (posterior,) = node.handle(estimate_of(1))
+    assert posterior.n_windows == 1
+
+
+@pytest.mark.parametrize(("warning", "state"), [(TURNING, "operating"), (STOPPING, "stop")])
+def test_a_window_of_a_state_that_the_operator_allows_is_used(warning, state):
+    shown = replace(estimate_of(0), warnings=(warning,))
+    (used,) = updating_of("parked", state).handle(shown)
+    assert isinstance(used, FoundationPosterior)
+
+
+@pytest.mark.parametrize("warning", [TURNING, STOPPING])
+def test_the_controllers_word_counts_more_than_what_a_window_shows(warning):
+    parked = replace(estimate_of(0), warnings=(warning,), operating_state="parked")
+    (used,) = updating_of("parked").handle(parked)
+    assert isinstance(used, FoundationPosterior)
+
+
+def test_a_controller_that_reports_the_speed_alone_reports_a_turning_rotor():
+    node = updating_of("parked")
+    (refused,) = node.handle(replace(estimate_of(0), rotor_speed=6.4))
+    assert refused.code == "turning-rotor"
+    assert "the rotor turns at 6.4 rpm; nothing reports the turbine's state" in refused.reason
+    (used,) = node.handle(replace(estimate_of(1), rotor_speed=0.5))
+    assert isinstance(used, FoundationPosterior)
 
 
 def test_a_window_whose_shapes_are_spoilt_is_not_used():

@@ -57,23 +57,25 @@ def test_the_scale_of_a_shape_is_no_matter() -> None:
 def test_the_gradient_is_that_of_differences() -> None:
     modes, band = two_modes()
     prior = prior_noise(band)
-    gradient = _State(modes, band, prior).curvature().gradient
+    state = _State(modes, band, prior)
+    gradient = state.curvature().gradient
     for place, derivative in enumerate(gradient):
         step = np.zeros(len(gradient))
         step[place] = 1e-5
-        up, down = (_State(_moved(modes, *_parts(s)), band, prior).cost for s in (step, -step))
+        up, down = (_State(_moved(state, *_parts(s)), band, prior).cost for s in (step, -step))
         assert derivative == pytest.approx((up - down) / 2e-5, abs=1e-6)
 
 
 def test_the_information_is_that_of_whole_matrices() -> None:
     modes, band = two_modes()
-    information = _State(modes, band, prior_noise(band)).curvature().information
+    state = _State(modes, band, prior_noise(band))
+    information = state.curvature().information
     n = len(information)
     inverse = np.linalg.inv(expected_matrices(modes, band.numbers))
     derivatives = []
     for step in 1e-5 * np.eye(n):
         up, down = (
-            expected_matrices(_moved(modes, *_parts(s)), band.numbers) for s in (step, -step)
+            expected_matrices(_moved(state, *_parts(s)), band.numbers) for s in (step, -step)
         )
         derivatives.append(inverse @ (up - down) / 2e-5)
     whole = np.array(

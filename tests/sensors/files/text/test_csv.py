@@ -1,12 +1,16 @@
 """Text files as they come from data loggers."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from sensors.files.formats import read_file
 from sensors.files.table import FileError
+from sensors.files.text.columns import values_of
 
 
 def written(folder: Path, text: str) -> Path:
@@ -100,3 +104,20 @@ def test_units_or_names_say_what_a_channel_measures(tmp_path: Path) -> None:
 def test_comments_and_empty_rows_among_the_samples_are_passed_over(tmp_path: Path) -> None:
     table = read_file(written(tmp_path, "t,a,b\n0,1,2\n# paused\n\n0.5,3,4\n   \n1,5,6\n"))
     np.testing.assert_array_equal(table.samples, [[1, 2], [3, 4], [5, 6]])
+
+
+def test_numbers_come_out_of_their_buffer() -> None:
+    column = pa.array([1.0, None, 3.0, 4.5, None])
+    np.testing.assert_array_equal(values_of(column), [1.0, np.nan, 3.0, 4.5, np.nan])
+    np.testing.assert_array_equal(values_of(column[1:4]), [np.nan, 3.0, 4.5])
+    np.testing.assert_array_equal(values_of(column[2:4]), [3.0, 4.5])
+    assert values_of(column[:0]).shape == (0,)
+
+
+def test_columns_of_numbers_load_no_pandas(tmp_path: Path) -> None:
+    """A quarter of a second of each `pilewatch identify`."""
+    path = written(tmp_path, "a,b\n1,2\n3,4\n")
+    reads = "import sys; from pathlib import Path; from sensors.files.formats import read_file; "
+    reads += f"read_file(Path({str(path)!r})); print('pandas' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", reads], capture_output=True, text=True, check=False)
+    assert ran.stdout.strip() == "False", ran.stderr

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pipeline.oma.data_quality.channel_swap import ChannelSwapMonitor
+from pipeline.oma.tracking import ChannelSwapMonitor
 from tests.pipeline.example_estimates import estimate, mode
 
 

@@ -1,0 +1,100 @@
+"""A rotor that turns shows by harmonics too weak to be taken off."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from pipeline.oma.data_quality.turning_rotor import TurningRotor, turning_rotor
+from pipeline.oma.identification import identify
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.streaming import StreamingIdentifier
+from sensors.arrays import FloatArray
+from tests.benchmarks.close_modes import bending_pair, triplet
+
+RATE, DURATION = 20.0, 600.0
+SPEED = 6.5  # [rpm]
+ACROSS = np.array([0.1, 0.03, 0.3, 0.1, 0.5, 0.15, 1.0, 0.3])  # what a rotor pushes, as no mode
+
+
+def parked(seed: int) -> FloatArray:
+    """A tower's four bending modes, (n, 8)."""
+    return bending_pair(seed).samples
+
+
+def harmonics(speed: FloatArray, orders: tuple[tuple[int, float], ...]) -> FloatArray:
+    """Motion at multiples of a speed [rpm], (n,)."""
+    angle = 2 * np.pi * np.cumsum(speed / 60) / RATE
+    return sum(share * np.cos(order * angle + order) for order, share in orders)
+
+
+def with_rotor(seed: int, size: float, *, wander: float, mean: float = SPEED) -> FloatArray:
+    """The tower beside 3P of that size over its rms, 6P and 1P a third and a fifth of it."""
+    quiet = parked(seed)
+    keeps = np.exp(-1 / (RATE * 60))
+    white = np.random.default_rng(seed).standard_normal(len(quiet))
+    slow = lfilter([1.0], [1.0, -keeps], white)
+    speed = mean * (1 + wander * (slow - slow.mean()) / slow.std())
+    blades = harmonics(speed, ((3, 1.0), (6, 0.3), (1, 0.2)))
+    return quiet + size * quiet.std(axis=0).max() * np.outer(blades, ACROSS)
+
+
+def rotor_of(samples: FloatArray) -> TurningRotor | None:
+    return turning_rotor(samples - samples.mean(axis=0), RATE)
+
+
+@pytest.mark.parametrize("wander", [0.0, 0.003, 0.01, 0.03])
+def test_harmonics_of_a_tenth_of_the_motion_say_that_a_rotor_turns(wander: float) -> None:
+    for seed in range(70_301, 70_305):
+        found = rotor_of(with_rotor(seed, 0.1, wander=wander))
+        assert found is not None
+        assert found.speed == pytest.approx(SPEED, rel=0.03)
+        assert found.orders == (3, 6)
+
+
+def test_a_tower_that_shakes_at_random_has_no_rotor() -> None:
+    for seed in range(70_311, 70_319):
+        assert rotor_of(parked(seed)) is None
+        assert rotor_of(triplet(seed).samples) is None
+
+
+def test_one_line_alone_is_no_rotor() -> None:
+    """A machine on the platform hums at one frequency."""
+    quiet = parked(70_321)
+    line = harmonics(np.full(len(quiet), SPEED), ((3, 1.0),))
+    assert rotor_of(quiet + np.outer(line, ACROSS)) is None
+
+
+def test_a_rotor_that_idles_is_as_a_parked_one() -> None:
+    for wander in (0.0, 0.02):
+        assert rotor_of(with_rotor(70_331, 0.3, wander=wander, mean=0.7)) is None
+
+
+@pytest.mark.parametrize("n", [100, 1_000])
+def test_a_window_too_short_to_show_a_rotor_shows_none(n: int) -> None:
+    assert rotor_of(parked(70_341)[:n]) is None
+
+
+def test_more_channels_than_lines_beside_a_harmonic_and_a_dead_pair_are_no_obstacle() -> None:
+    samples = with_rotor(70_351, 0.1, wander=0.01)
+    many = samples @ np.random.default_rng(1).standard_normal((8, 40))
+    many += 1e-3 * np.random.default_rng(2).standard_normal(many.shape)
+    assert rotor_of(many) is not None
+    assert rotor_of(np.column_stack([samples, samples[:, 0]])) is not None
+
+
+def test_windows_of_an_array_and_of_a_stream_carry_the_same_warning() -> None:
+    samples = with_rotor(70_361, 0.1, wander=0.003)
+    settings = OmaSettings(window_duration=DURATION, hop=DURATION / 4)
+    stream = StreamingIdentifier(RATE, samples.shape[1], settings)
+    stream.push(samples)
+    for found in (identify(samples, RATE, settings), stream.identify(0, samples)):
+        (text,) = [each.text for each in found.warnings if each.code == "turning-rotor"]
+        assert "Hz are harmonics of one speed: a rotor turns, at 6.5 rpm" in text
+
+
+def test_a_window_whose_speed_is_known_is_not_warned_of() -> None:
+    samples = with_rotor(70_361, 0.1, wander=0.0)
+    known = identify(samples, RATE, rotor_speed=np.full(len(samples), SPEED))
+    assert not [each for each in known.warnings if each.code == "turning-rotor"]
+    standing = identify(samples, RATE, rotor_speed=np.zeros(len(samples)))
+    assert [each for each in standing.warnings if each.code == "turning-rotor"]
