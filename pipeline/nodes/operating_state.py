@@ -18,6 +18,7 @@ from pipeline.messages import (
 from pipeline.modal_assurance import normalised_to, renormalised_factor
 from pipeline.oma.data_quality.coupled_harmonics import TURNING_ROTOR
 from pipeline.oma.data_quality.input_checks import NON_STATIONARY
+from pipeline.oma.data_quality.silent_channels import SILENT_CHANNEL
 from pipeline.oma.data_quality.turning_rotor import SLOWEST
 from sensors.acquisition.layout import SensorLayout, turning_matrix
 from sensors.acquisition.scada import ScadaSample
@@ -36,7 +37,7 @@ class OperationSettings:
 
     allowed_states: tuple[str, ...] = ("parked", "idling")
     """A window of an unknown state is used unless it shows another one."""
-    unusable: ClassVar[tuple[str, ...]] = ("duplicate-channel", "clipped")
+    unusable: ClassVar[tuple[str, ...]] = ("duplicate-channel", "clipped", SILENT_CHANNEL)
     """Codes that spoil the shapes."""
     states_of_code: ClassVar[dict[str, tuple[str, ...]]] = {
         TURNING_ROTOR: ("operating",),

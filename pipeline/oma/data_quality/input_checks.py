@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.messages import QualityWarning
+from pipeline.oma.data_quality.silent_channels import SILENT_CHANNEL, silent_channels
 from pipeline.oma.data_quality.transients import RingDown, loudest_octave, ring_down
 from pipeline.oma.preprocessing import MOST_MISSING, filled, lines_of_channels, without_drift
 from sensors.acquisition.blocks import RATE_TOLERANCE
@@ -78,6 +79,7 @@ def check_samples(
         return constant
     return (
         not_a_number
+        + check_silent(samples, channel_names)
         + check_duplicates(samples, channel_names)
         + check_clipping(samples, channel_names)
         + check_spikes(samples, sampling_rate, channel_names)
@@ -121,6 +123,22 @@ def check_constant(
         return ()
     verb = "is" if len(dead) == 1 else "are"
     return (Finding("constant", f"{', '.join(dead)} {verb} constant over the window", "reject"),)
+
+
+def check_silent(
+    samples: NDArray[np.floating], channel_names: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Channels that give noise alone while others show motion."""
+    silent = [
+        name for name, is_so in zip(channel_names, silent_channels(samples), strict=True) if is_so
+    ]
+    if not silent:
+        return ()
+    text = (
+        f"{', '.join(silent)} measure{'s' * (len(silent) == 1)} nothing: noise without a resonance "
+        "that follows no other channel; mend the sensor or its cable, or leave it out of the layout"
+    )
+    return (Finding(SILENT_CHANNEL, text, "warn"),)
 
 
 def check_duplicates(

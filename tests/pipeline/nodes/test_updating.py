@@ -160,6 +160,17 @@ def test_the_controllers_word_counts_more_than_what_a_window_shows(warning):
     assert isinstance(used, FoundationPosterior)
 
 
+@pytest.mark.parametrize("code", ["silent-channel", "duplicate-channel", "clipped"])
+def test_a_channel_that_spoils_the_shapes_keeps_its_window_from_the_posterior(code):
+    node = updating_of("parked")
+    spoiled = replace(
+        estimate_of(0), warnings=(QualityWarning(code, "b is bad"),), operating_state="parked"
+    )
+    (refused,) = node.handle(spoiled)
+    assert (refused.code, refused.reason) == (code, "b is bad; not used")
+    assert node.state.evidence.n_windows == 0
+
+
 def test_a_controller_that_reports_the_speed_alone_reports_a_turning_rotor():
     node = updating_of("parked")
     (refused,) = node.handle(replace(estimate_of(0), rotor_speed=6.4))
