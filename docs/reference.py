@@ -107,12 +107,13 @@ def _section_type(hint: Any) -> Any | None:
 
 
 def field_meanings(kind: Any) -> dict[str, str]:
-    """What each field means: the string below it, else the comment beside it."""
-    source = inspect.cleandoc(inspect.getsource(kind)) if kind else ""
+    """What each field means, inherited ones too: the string below, else the comment beside it."""
+    bases = [base for base in kind.__mro__[1:] if is_dataclass(base)]
+    meanings = {name: text for base in bases[::-1] for name, text in field_meanings(base).items()}
+    source = inspect.cleandoc(inspect.getsource(kind))
     lines = source.splitlines()
     body = ast.parse(source).body[0]
     assert isinstance(body, ast.ClassDef)
-    meanings: dict[str, str] = {}
     for node, following in zip(body.body, [*body.body[1:], None], strict=True):
         if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
             continue

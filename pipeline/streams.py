@@ -60,9 +60,9 @@ STREAMS = (
     # From the recorder to the unit: what it no longer needs to keep.
     Stream(RecordedUntil, "pilewatch/{turbine}/{unit}/recorded", cached=0, recorded=False),
     Stream(FoundationTruth, "pilewatch/{turbine}/truth"),
-    # 140 kB each: eight hours of windows, 7 MB a turbine. An updating that is started again later
+    # 140 kB each: three hours of windows, 3 MB a turbine. An updating that is started again later
     # takes what it lacks from the recording.
-    Stream(ModalEstimate, "pilewatch/{turbine}/modal-estimate", period=600.0, cached=48),
+    Stream(ModalEstimate, "pilewatch/{turbine}/modal-estimate", period=600.0, cached=20),
     Stream(StabilisationDiagram, "pilewatch/{turbine}/stabilisation-diagram", period=600.0),
     Stream(WindowRejected, "pilewatch/{turbine}/window-rejected", cached=100),
     Stream(

@@ -78,7 +78,7 @@ class TurbineIdentification:
         clock: CpuClock | None = None,
     ) -> None:
         self.revision = 0
-        self.units = AcquisitionUnits(settings.lateness, limits.units)
+        self.units = AcquisitionUnits(settings, limits.units)
         self._limits = limits
         self._settings = settings
         self._compared = compared
@@ -99,6 +99,7 @@ class TurbineIdentification:
             if isinstance(answer, WindowAnswer):
                 self._opening.answered()
                 self._answers = _latest(self._answers, answer)
+                self.units.forget_unread()
                 self.revision += 1
 
     def finish(self) -> Iterator[Message]:

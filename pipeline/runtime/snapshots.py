@@ -27,8 +27,8 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.node import NodeSnapshot
+from pipeline.nodes.units.acquisition_units import read_back
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
 from pipeline.recording.latest_messages import latest_messages
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.errors import CodecError
@@ -52,7 +52,6 @@ STATE_SECTION = "state"
 MOST_FILES = 1000  # snapshots in a folder; of more, those not renewed for longest go
 LONGEST_NAME = 160  # of a turbine in a file's name; beyond it a checksum distinguishes them
 MEASUREMENTS = (SensorLayout, AccelerationBlock, ScadaSample)
-MARGIN = 10.0 + FITTED_STAMPS  # [s] of blocks that a clock's line is fitted to
 
 
 class FencedError(OSError):
@@ -212,5 +211,4 @@ def _sections(content: bytes) -> Iterator[tuple[str, bytes]]:
 
 def recorded_past(files: Sequence[Path], settings: OmaSettings) -> tuple[Message, ...]:
     """The samples of an open window, and of one before it that may not have been answered."""
-    horizon = 2 * (settings.window_duration + settings.hop) + settings.lateness + MARGIN
-    return latest_messages(files, MEASUREMENTS, horizon=horizon)
+    return latest_messages(files, MEASUREMENTS, horizon=read_back(settings))

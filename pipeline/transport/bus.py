@@ -21,9 +21,12 @@ logger = logging.getLogger(__name__)
 
 INBOX_CAPACITY = 100_000  # messages: of a farm of twenty at ten times real time, eight minutes
 INBOX_BYTES = 256 * 2**20  # of all messages that wait: what a flood may cost in memory
+KEY_BYTES = 48 * 2**20  # of those on one key: thirteen minutes of sixteen channels at 1 kHz
 MOST_KEYS = (
     20_000  # that are listened to: of 1500 turbines; what is kept of each is small, not none
 )
+
+PLACES_KEPT = 1000  # of messages that are gone, before the order of arrival is tidied up
 
 _NOT_IN_A_KEY = frozenset("/*$?#")
 
@@ -35,6 +38,14 @@ class Delivery:
     message_type: type
     key: str
     payload: bytes
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """A place in the order of arrival."""
+
+    delivery: Delivery | None
+    """None: it has been taken, or made room."""
 
 
 class Subscription(Protocol):
@@ -90,17 +101,21 @@ class Inbox:
     """Bounded queue between a transport's threads and the one thread that takes messages out.
 
     When it is full, the oldest message makes room: what a late subscriber still needs is the end
-    of the stream. `payload` is what the message came in that `get` gave last. `dropped` and
-    `malformed` count what was never handed out, and `refusal` gives of the last malformed one
-    where it came and what was wrong with it. Messages on more keys than MOST_KEYS count as
-    malformed too: an untrusted sender may make up keys for ever, of which all that listen would
-    remember something.
+    of the stream. A key that holds KEY_BYTES makes room by its own oldest one, so that a unit that
+    floods costs no other unit a message. `payload` is what the message came in that `get` gave
+    last. `dropped` and `malformed` count what was never handed out, and `refusal` gives of the last
+    malformed one where it came and what was wrong with it. Messages on more keys than MOST_KEYS
+    count as malformed too: an untrusted sender may make up keys for ever, of which all that listen
+    would remember something.
     """
 
     def __init__(
         self, capacity: int = INBOX_CAPACITY, *, capacity_bytes: int = INBOX_BYTES
     ) -> None:
-        self._deliveries: deque[Delivery] = deque()
+        self._waiting: deque[_Waiting] = deque()  # in the order of arrival
+        self._of_key: dict[str, deque[_Waiting]] = {}  # of them, what waits
+        self._bytes_of: Counter[str] = Counter()  # by key
+        self._count = 0
         self._capacity = capacity
         self._capacity_bytes = capacity_bytes
         self._bytes = 0  # of the deliveries that wait
@@ -113,7 +128,7 @@ class Inbox:
         self.payload = b""
 
     def __len__(self) -> int:
-        return len(self._deliveries)
+        return self._count
 
     @property
     def dropped(self) -> int:
@@ -133,12 +148,14 @@ class Inbox:
             )
             return
         with self._changed:
-            while len(self._deliveries) >= self._capacity or (
-                self._deliveries and self._bytes + size > self._capacity_bytes
+            key = delivery.key
+            while key in self._of_key and self._bytes_of[key] + size > KEY_BYTES:
+                self._drop(self._taken_of(key))
+            while self._count >= self._capacity or (
+                self._count and self._bytes + size > self._capacity_bytes
             ):
-                self._dropped[self._taken().message_type] += 1
-            self._deliveries.append(delivery)
-            self._bytes += size
+                self._drop(self._taken())
+            self._append(delivery)
             self._changed.notify()
 
     def get(self, timeout: float | None = None) -> Message | None:
@@ -169,10 +186,36 @@ class Inbox:
             self._keys.add(delivery.key)
         return message
 
+    def _append(self, delivery: Delivery) -> None:
+        waiting = _Waiting(delivery)
+        self._waiting.append(waiting)
+        self._of_key.setdefault(delivery.key, deque()).append(waiting)
+        self._bytes_of[delivery.key] += len(delivery.payload)
+        self._bytes += len(delivery.payload)
+        self._count += 1
+
     def _taken(self) -> Delivery:
-        delivery = self._deliveries.popleft()
+        """Take out the oldest."""
+        while (oldest := self._waiting[0].delivery) is None:
+            self._waiting.popleft()
+        return self._taken_of(oldest.key)
+
+    def _taken_of(self, key: str) -> Delivery:
+        """Take out the oldest on a key, which must have one."""
+        waiting = self._of_key[key].popleft()
+        delivery, waiting.delivery = waiting.delivery, None
+        assert delivery is not None
+        self._bytes_of[key] -= len(delivery.payload)
         self._bytes -= len(delivery.payload)
+        self._count -= 1
+        if not self._of_key[key]:
+            del self._of_key[key], self._bytes_of[key]
+        if len(self._waiting) > 2 * self._count + PLACES_KEPT:
+            self._waiting = deque(each for each in self._waiting if each.delivery is not None)
         return delivery
+
+    def _drop(self, delivery: Delivery) -> None:
+        self._dropped[delivery.message_type] += 1
 
     def _reject(self, delivery: Delivery, error: CodecError) -> None:
         with self._changed:
@@ -185,8 +228,8 @@ class Inbox:
 
     def _next(self, timeout: float | None) -> Delivery | None:
         with self._changed:
-            self._changed.wait_for(lambda: self._deliveries or self._closed, timeout)
-            return self._taken() if self._deliveries else None
+            self._changed.wait_for(lambda: self._count or self._closed, timeout)
+            return self._taken() if self._count else None
 
 
 def publishing_key(message: Message) -> str:

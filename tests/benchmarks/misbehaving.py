@@ -59,10 +59,59 @@ def odd_sizes() -> Blocks:
         yield replace(block, samples=rng.standard_normal((n, 8)).astype(np.float32))
 
 
+def strays() -> Blocks:
+    """A sound unit, and every 300 s one block of another run under its name."""
+    for block in sent(8, 40.0):
+        yield block
+        if block.sequence % 300 == 150:
+            yield replace(block, session="another", sequence=7, first_sample=280)
+
+
+def two_boxes() -> Blocks:
+    """Two devices that send in turn under one name, the second one's clock two days behind."""
+    behind = 2 * 86_400 * NANOSECONDS
+    for one in sent(8, 40.0):
+        yield one
+        samples = one.samples[::-1].copy()
+        yield replace(one, session="other", start_ns=one.start_ns - behind, samples=samples)
+
+
+def wrong_stamps() -> Blocks:
+    """Every block is stamped with another moment of twenty years."""
+    rng = np.random.default_rng(3)
+    for block in sent(8, 40.0):
+        yield replace(
+            block, start_ns=block.start_ns - int(rng.integers(0, 20 * 31_557_600)) * 10**9
+        )
+
+
+def jumping_numbers() -> Blocks:
+    """Sequence numbers that jump up where no sample is missing."""
+    rng, number = np.random.default_rng(4), 0
+    for block in sent(8, 40.0):
+        number += int(rng.integers(1, 1000))
+        yield replace(block, sequence=number)
+
+
+def missing_seconds() -> Blocks:
+    """Every tenth second is missing by stamps and not by numbers."""
+    for block in sent(8, 40.0):
+        yield replace(block, start_ns=block.start_ns + block.sequence // 9 * NANOSECONDS)
+
+
+def same_samples() -> Blocks:
+    """The same ten seconds again and again under new numbers."""
+    first: list[AccelerationBlock] = []
+    for block in sent(8, 40.0):
+        first += [block] if len(first) < 10 else []
+        yield replace(block, samples=first[block.sequence % 10].samples)
+
+
 FORMS: dict[str, Callable[[], Blocks]] = {
     "quiet": lambda: iter(()),
     "100 channels": lambda: sent(100, 40.0),
     "32 channels": lambda: sent(32, 40.0),
+    "250 channels": lambda: sent(250, 40.0),
     "1000 channels": lambda: sent(1000, 40.0),
     "blocks of 7 MB": lambda: sent(8, 40.0 * 5500, 1.0),
     "16 channels at 1 kHz": lambda: sent(16, 1000.0),
@@ -70,6 +119,12 @@ FORMS: dict[str, Callable[[], Blocks]] = {
     "names of units": lambda: (replace(b, unit=f"u{b.sequence}") for b in sent(8, 40.0)),
     "names of turbines": lambda: (replace(b, turbine=f"bad{b.sequence}") for b in sent(8, 40.0)),
     "odd sizes": odd_sizes,
+    "a stray block every 300 s": strays,
+    "two boxes with one name": two_boxes,
+    "wrong stamps": wrong_stamps,
+    "numbers that jump": jumping_numbers,
+    "every tenth second missing by the stamps": missing_seconds,
+    "the same samples under new numbers": same_samples,
 }
 
 

@@ -45,7 +45,7 @@ def test_what_a_publisher_keeps_of_a_turbine_is_bounded_by_megabytes() -> None:
     modes = [
         replace(mode(0.1 + n, np.ones(8)), covariance_factor=np.ones((10, 40))) for n in range(40)
     ]
-    assert len(encode(estimate(*modes))) * stream_of(ModalEstimate).cached < 8e6
+    assert len(encode(estimate(*modes))) * stream_of(ModalEstimate).cached < 4e6
 
 
 def test_a_type_that_does_not_travel_has_no_stream() -> None:

@@ -12,13 +12,16 @@ from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.units.block_admission import BlockAdmission
 from pipeline.nodes.window_identification import WindowContext, WindowIdentification
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
+from pipeline.oma.settings import OmaSettings
+from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
 from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.bounded_dict import BoundedDict
 
 LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
-MARKS = 10_000  # of a unit's latest blocks: where a restart reads on
+MARKS = 20_000  # of a unit's latest blocks at most: ten minutes of blocks of 30 ms
+MARGIN = 10.0 + FITTED_STAMPS  # [s] of blocks that a clock's line is fitted to
 MOST_OPENING = 64  # blocks that are kept
 
 
@@ -31,16 +34,24 @@ class Boot:
     """Starts under that session's name before it."""
 
 
+def read_back(settings: OmaSettings) -> float:
+    """How far a restart reads back: an open window and one before it, which may not have been
+    answered [s]."""
+    return 2 * (settings.window_duration + settings.hop) + settings.lateness + MARGIN
+
+
 class AcquisitionUnit:
     """One unit: which of its blocks are used, what is wrong with them, what it describes."""
 
-    def __init__(self, lateness: float) -> None:
+    def __init__(self, settings: OmaSettings) -> None:
         self.admission = BlockAdmission()
-        self.monitor = BlockMonitor(lateness)
+        self.monitor = BlockMonitor(settings.lateness)
+        self._read_back = read_back(settings)
         self.layouts = BoundedDict[str, SensorLayout](LATEST_OF_A_UNIT)  # by their ids
         self.ends = BoundedDict[str, StreamEnd](LATEST_OF_A_UNIT)
         """By session: announced, blocks still missing."""
-        self.marks: deque[BlockMark] = deque(maxlen=MARKS)  # of the present boot
+        # of the present boot; after a window's answer as far as a restart reads back
+        self.marks: deque[BlockMark] = deque(maxlen=MARKS)
         # where the present boot was expected to begin; None: with its next block, after a restart
         self.beginning: Beginning | None = Beginning()
         self._reached = Beginning()  # after the newest block of the present boot that was joined
@@ -61,6 +72,15 @@ class AcquisitionUnit:
         self.monitor.restart()
         self.marks.clear()
         self._reached = Beginning()
+
+    def forget_unread(self) -> None:
+        """Forget marks of blocks that a restart would not read; the last of them stays."""
+        while len(self.marks) > 1:
+            newest = self.marks[-1]
+            needed = newest.first_sample - self._read_back * newest.sampling_rate
+            if self.marks[1].first_sample > needed:
+                return
+            self.marks.popleft()
 
     def expected(self, block: AccelerationBlock) -> Beginning:
         """Where a session that begins with a block expects the unit's first one: after the newest
@@ -95,16 +115,16 @@ class AcquisitionUnits:
 
     Parameters
     ----------
-    lateness : float
-        By which a block may come after those that follow it [s].
+    settings : OmaSettings
+        Of their windows.
     most : int
         Of more the one with the fewest messages is let go.
     """
 
-    def __init__(self, lateness: float, most: int) -> None:
+    def __init__(self, settings: OmaSettings, most: int) -> None:
         self.by_name: dict[str, AcquisitionUnit] = {}
         self.layouts: dict[str, SensorLayout] = {}  # of all units, by their ids
-        self._lateness = lateness
+        self._settings = settings
         self._names = LimitedMembers(most)
         self._of_the_past = NodeStatistics()  # of units that are gone
 
@@ -114,7 +134,7 @@ class AcquisitionUnits:
         if leaving is not None and leaving in self.by_name:
             self._let_go(leaving)
         if name not in self.by_name:
-            self.by_name[name] = AcquisitionUnit(self._lateness)
+            self.by_name[name] = AcquisitionUnit(self._settings)
         return self.by_name[name]
 
     def _let_go(self, name: str) -> None:
@@ -129,6 +149,11 @@ class AcquisitionUnits:
         if oldest is not None:
             self.layouts.pop(oldest.layout_id, None)
         self.layouts[layout.layout_id] = layout
+
+    def forget_unread(self) -> None:
+        """Forget of every unit what a restart would not read."""
+        for unit in self.by_name.values():
+            unit.forget_unread()
 
     @property
     def latest_layouts(self) -> dict[str, SensorLayout]:

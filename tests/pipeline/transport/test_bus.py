@@ -188,6 +188,24 @@ def test_a_flood_of_large_messages_costs_no_more_memory_than_is_allowed() -> Non
     assert last[-1] == 24
 
 
+def test_a_unit_that_floods_costs_no_other_unit_a_message(monkeypatch) -> None:
+    size = len(encode(block(0)))
+    monkeypatch.setattr("pipeline.transport.bus.KEY_BYTES", 5.5 * size)
+    monkeypatch.setattr("pipeline.transport.bus.PLACES_KEPT", 4)
+    inbox = Inbox(capacity_bytes=40 * size)
+    sent = [block(n, turbine="honest" if n % 25 == 0 else "flood") for n in range(100)]
+    for message in sent:
+        inbox.put(Delivery(AccelerationBlock, key_of(message), encode(message)))
+    inbox.close()
+    heard = take(inbox, 100)
+    honest = [message.sequence for message in heard if message.turbine == "honest"]
+    assert honest == [0, 25, 50, 75]
+    assert [m.sequence for m in heard if m.turbine == "flood"] == [95, 96, 97, 98, 99]
+    assert [message.sequence for message in heard] == sorted(message.sequence for message in heard)
+    assert inbox.dropped_of(AccelerationBlock) == 100 - len(heard)
+    assert len(inbox) == 0
+
+
 def test_keys_beyond_those_that_are_listened_to_are_dropped_and_counted(monkeypatch) -> None:
     monkeypatch.setattr("pipeline.transport.bus.MOST_KEYS", 3)
     inbox = Inbox()
