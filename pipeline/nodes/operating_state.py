@@ -17,8 +17,7 @@ from pipeline.messages import (
 )
 from pipeline.modal_assurance import normalised_to, renormalised_factor
 from pipeline.oma.data_quality.coupled_harmonics import TURNING_ROTOR
-from pipeline.oma.data_quality.input_checks import NON_STATIONARY
-from pipeline.oma.data_quality.silent_channels import SILENT_CHANNEL
+from pipeline.oma.data_quality.input_checks import NON_STATIONARY, SILENT_CHANNEL
 from pipeline.oma.data_quality.turning_rotor import SLOWEST
 from sensors.acquisition.layout import SensorLayout, turning_matrix
 from sensors.acquisition.scada import ScadaSample

@@ -23,12 +23,11 @@ from pipeline.oma.data_quality.input_checks import (
     NON_STATIONARY,
     Finding,
     check_samples,
-    check_timestamps,
-    evenly_sampled,
     is_harmonic,
     mended,
 )
 from pipeline.oma.data_quality.sea_humps import without_sea_humps
+from pipeline.oma.data_quality.timestamps import check_timestamps, evenly_sampled
 from pipeline.oma.preprocessing import decimated, filled, on_even_grid, without_offset
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import (

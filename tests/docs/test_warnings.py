@@ -15,13 +15,24 @@ CODE = re.compile(r"[a-z]+(?:-[a-z]+)*")
 BY_TEXT = {"no-paired-mode", "mode-birth", "mode-death", "mode-drift"}  # made otherwise
 
 
-def codes_of(source: str) -> Iterator[str]:
-    """Codes that are written where a warning or a rejection is made."""
+def constants_of(source: str) -> Iterator[tuple[str, str]]:
+    """Names and texts of a module's constants."""
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant):
+            names = (each.id for each in node.targets if isinstance(each, ast.Name))
+            yield from ((name, node.value.value) for name in names if name.isupper())
+
+
+def codes_of(source: str, constants: dict[str, str]) -> Iterator[str]:
+    """Codes that are written, or named, where a warning or a rejection is made."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") in MAKERS:
             arguments = (*node.args[:2], *(each.value for each in node.keywords))
             texts = (each.value for each in arguments if isinstance(each, ast.Constant))
-            yield from (text for text in texts if isinstance(text, str) and CODE.fullmatch(text))
+            named = (constants.get(each.id) for each in arguments if isinstance(each, ast.Name))
+            for text in (*texts, *named):
+                if isinstance(text, str) and CODE.fullmatch(text):
+                    yield text
 
 
 def test_every_code_is_on_the_page_and_no_other() -> None:
@@ -31,7 +42,9 @@ def test_every_code_is_on_the_page_and_no_other() -> None:
         for path in (ROOT / folder).rglob("*.py")
         if "api" not in path.parts
     ]
-    given = {code for source in sources for code in codes_of(source)} - {"reject", "warn", "mend"}
+    named = {name: text for source in sources for name, text in constants_of(source)}
+    given = {code for source in sources for code in codes_of(source, named)}
+    given -= {"reject", "warn", "mend"}
     known = vars(block_admission) | vars(limits)
     constants = {name: value for name, value in known.items() if name.isupper()}
     given |= {each for each in constants.values() if isinstance(each, str)} | BY_TEXT

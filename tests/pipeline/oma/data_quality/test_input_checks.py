@@ -9,10 +9,10 @@ from pipeline.messages import Mode
 from pipeline.oma.data_quality.input_checks import (
     Finding,
     check_samples,
-    check_timestamps,
     is_harmonic,
     mended,
 )
+from pipeline.oma.data_quality.timestamps import check_timestamps
 from pipeline.oma.identification import check_window, hardly_damped, identify
 from pipeline.oma.preprocessing import lines_of_channels
 from tests.pipeline.oma.conftest import KnownStructure

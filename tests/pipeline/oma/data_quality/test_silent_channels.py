@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.data_quality.input_checks import check_samples
-from pipeline.oma.data_quality.silent_channels import silent_channels
+from pipeline.oma.data_quality.input_checks import check_samples, silent_channels
 from sensors.arrays import FloatArray
 
 RATE, N = 40.0, 24_000
