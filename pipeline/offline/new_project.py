@@ -6,11 +6,13 @@ files ──► motions, with a guess of each one's place ──► layout.toml
 
 import logging
 import re
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.offline.project_layout import (
     Placing,
@@ -19,11 +21,13 @@ from pipeline.offline.project_layout import (
     stated_layout,
 )
 from pipeline.offline.project_texts import scenario_text, structure_text
+from pipeline.oma.data_quality.input_checks import silent_channels
 from pipeline.scenario import NO_STRUCTURE, scenario_from_text
 from pipeline.sources.import_files import Measurement, open_measurement, record_measurement
 from pipeline.sources.sources import LAYOUT_FILE, SCENARIO_FILE
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import BoolArray
 from sensors.errors import InputError
 from sensors.files.block_builder import moment, open_file
 from sensors.files.channel_names import GuessedChannel, UnusedChannel
@@ -46,6 +50,7 @@ _log = logging.getLogger(__name__)
 STRUCTURE_FILE = "structure.toml"  # in the folder of a project with a structure of its own
 LOWEST_RATE = 0.2  # of samples that can show a tower's or a floater's motion [Hz]
 SLOWER = 0.9  # of the values of others: a channel below has a lower sampling rate [-]
+END = 600.0  # of a record, at both of which channels of noise alone are looked for [s]
 LONGEST_SCADA_STEP = 3600 * NANOSECONDS  # of a controller's means [ns]
 
 
@@ -203,7 +208,8 @@ class _Survey:
     span_ns: tuple[int, int]
     """Begin and end [ns]."""
     unused: tuple[UnusedChannel, ...]
-    """Channels that never change, and those that are sampled more slowly than others."""
+    """Channels that never change, that give noise alone, and those that are sampled more slowly
+    than others."""
 
 
 def _surveyed(files: Sequence[Path], measurement: Measurement) -> _Survey:
@@ -220,20 +226,49 @@ def _surveyed(files: Sequence[Path], measurement: Measurement) -> _Survey:
     return survey
 
 
+class _Ends:
+    """The beginning and the end of a record.
+
+    size   samples of each at least, where the record has as many
+    """
+
+    def __init__(self, size: int, n_channels: int) -> None:
+        self._size = size
+        self._none = np.zeros(n_channels, dtype=bool)
+        self._first: list[NDArray[np.floating]] = []
+        self._last = deque[NDArray[np.floating]]()
+
+    def add(self, samples: NDArray[np.floating]) -> None:
+        """Take the record's next samples, (n, n_channels)."""
+        if sum(map(len, self._first)) < self._size:
+            self._first.append(samples)
+        self._last.append(samples)
+        while sum(map(len, self._last)) - len(self._last[0]) >= self._size:
+            self._last.popleft()
+
+    def silent(self) -> BoolArray:
+        """Tell which channels give noise alone at both ends, (n_channels,)."""
+        if not self._first:
+            return self._none
+        return silent_channels(np.vstack(self._first)) & silent_channels(np.vstack(self._last))
+
+
 def _survey(measurement: Measurement) -> _Survey:
     count, start_ns, end_ns = 0, 0, 0
     lowest = np.full(len(measurement.layout.channels), np.inf)
     highest = -lowest
     present = np.zeros(len(lowest), dtype=np.int64)
+    ends = _Ends(round(END * measurement.sampling_rate), len(lowest))
     for block in measurement.blocks():
         start_ns, end_ns = (block.start_ns if not count else start_ns), block.end_ns
         count += len(block.samples)
         present += np.isfinite(block.samples).sum(axis=0)
         lowest = np.fmin(lowest, np.fmin.reduce(block.samples))
         highest = np.fmax(highest, np.fmax.reduce(block.samples))
+        ends.add(block.samples)
     unused = []
-    for name, each, still in zip(
-        measurement.layout.channel_names, present, lowest >= highest, strict=True
+    for name, each, still, is_silent in zip(
+        measurement.layout.channel_names, present, lowest >= highest, ends.silent(), strict=True
     ):
         every = round(count / each) if each else 0
         if still:
@@ -241,6 +276,10 @@ def _survey(measurement: Measurement) -> _Survey:
         elif each < SLOWER * present.max() and abs(count / each - every) < 1 - SLOWER:
             rate = measurement.sampling_rate / every
             unused.append(UnusedChannel(name, f"a value in every {every} rows: {rate:g} Hz"))
+        elif is_silent:
+            unused.append(
+                UnusedChannel(name, "noise alone: no resonance, nothing that another channel has")
+            )
     return _Survey(count, (start_ns, end_ns), tuple(unused if len(unused) < len(present) else ()))
 
 

@@ -175,6 +175,27 @@ def test_columns_of_controller_and_logger_are_no_motions(tmp_path: Path) -> None
     assert all(each.power == 0 and 5 < each.wind_speed < 7 for each in recorded)
 
 
+def test_a_channel_of_noise_alone_is_left_out_and_named(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    count = round(300 * RATE)
+    lines = np.fft.rfftfreq(count, 1 / RATE)
+    loads = rng.standard_normal(len(lines)) + 1j * rng.standard_normal(len(lines))
+    moved = np.fft.irfft(loads / (1 - (lines / 1.1) ** 2 + 0.02j * lines / 1.1), count)
+    columns = {
+        "time [s]": np.arange(count) / RATE,
+        "acc_85m_x [g]": 1e-3 * (moved + 0.1 * rng.standard_normal(count)),
+        "acc_50m_x [g]": 1e-5 * rng.standard_normal(count),
+        "acc_25m_x [g]": 1e-4 * (moved + 0.1 * rng.standard_normal(count)),
+    }
+    path = tmp_path / "broken.csv"
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
+    project = start_project([path], tmp_path / "out")
+    assert [each.name for each in project.channels] == ["acc_85m_x", "acc_25m_x"]
+    (unused,) = project.left_out
+    assert str(unused) == "acc_50m_x (noise alone: no resonance, nothing that another channel has)"
+
+
 def local_summer_record(path: Path) -> Path:
     """Five minutes from 14:00 of Berlin's summer time, which the file does not state."""
     begin = np.datetime64("2025-07-03T14:00:00.000")
