@@ -53,7 +53,7 @@ class DesignSprings:
         if not (k11 > 0 and k22 > 0 and k11 * k22 > k12**2 > 0):
             raise UpdatingError(
                 f"design springs {k11:g} N/m, {k22:g} N·m/rad, {k12:g} N/rad are not positive "
-                "definite (k11·k22 must exceed k12²), or not coupled (k12 is 0)"
+                "definite, or not coupled"
             )
         if not 0 < self.std <= LARGEST_DESIGN_STD:
             raise UpdatingError(
