@@ -222,13 +222,14 @@ class LayoutFile:
         return unit, factor / (channel.sensitivity or 1.0)
 
     def _require_one_scale(self, units: Sequence[str]) -> None:
-        """Raise LayoutError for samples in volts beside samples in m/s²."""
+        """Raise LayoutError for samples in volts beside samples in m/s², unless it says so."""
         scaled = [unit for unit in units if quantity_of(unit)]
         for channel, unit in zip(self.channels, units, strict=True):
-            if scaled and unit and quantity_of(unit) is None:
+            if scaled and unit and quantity_of(unit) is None and channel.unit is None:
                 raise LayoutError(
                     f"{self.origin}: channel {channel.name!r} is in {unit}, others are in "
-                    f"{scaled[0]}: state its unit and sensitivity, or delete it"
+                    f"{scaled[0]}: state its unit and sensitivity, unit = {unit!r} to take it as "
+                    "it is, or delete it"
                 )
 
 

@@ -75,7 +75,7 @@ def _there_and_back(
     (file,) = export(folder / "a.mcap", folder / "out", form)
     mapping = "".join(
         f'[[channels]]\nname = "{each.name}"\nelevation = {each.elevation}\n'
-        "direction = [1.0, 0.0, 0.0]\n"
+        "direction = [1.0, 0.0, 0.0]\n" + 'unit = "V"\n' * (each.unit == "V")
         for each in layout.channels
     )
     (folder / "layout.toml").write_text(mapping, "utf-8")
