@@ -237,14 +237,17 @@ class _Ends:
         self._none = np.zeros(n_channels, dtype=bool)
         self._first: list[NDArray[np.floating]] = []
         self._last = deque[NDArray[np.floating]]()
+        self._taken = self._in_last = 0  # samples
 
     def add(self, samples: NDArray[np.floating]) -> None:
         """Take the record's next samples, (n, n_channels)."""
-        if sum(map(len, self._first)) < self._size:
+        if self._taken < self._size:
             self._first.append(samples)
         self._last.append(samples)
-        while sum(map(len, self._last)) - len(self._last[0]) >= self._size:
-            self._last.popleft()
+        self._taken += len(samples)
+        self._in_last += len(samples)
+        while self._in_last - len(self._last[0]) >= self._size:
+            self._in_last -= len(self._last.popleft())
 
     def silent(self) -> BoolArray:
         """Tell which channels give noise alone at both ends, (n_channels,)."""
