@@ -17,7 +17,7 @@ so that two more sums for each mode bring the combined estimate to the model's l
 of the model turns out to be its partner.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -202,6 +202,10 @@ class ModalEvidence:
             return self
         modes = tuple(mode.with_channels(order, signs) for mode in self.modes)
         return replace(self, modes=modes)
+
+    def without_channels(self, channels: Collection[int]) -> "ModalEvidence":
+        """The evidence as if these channels had not measured."""
+        return replace(self, modes=tuple(mode.without_channels(channels) for mode in self.modes))
 
     def one_a_track(self, places: Iterable[int]) -> set[int]:
         """Of the modes at these places, of every track the one that most windows saw.

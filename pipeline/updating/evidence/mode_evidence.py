@@ -1,6 +1,6 @@
 """The evidence of all windows on one mode: sums that give its mean and information at any time."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -151,6 +151,35 @@ class ModeEvidence:
             information=self.information[np.ix_(rows, rows)] * both,
             information_mean=self.information_mean[rows] * turned,
             level_information=self.level_information[:, rows][:, :, rows] * both,
+        )
+
+    def without_channels(self, channels: Collection[int]) -> "ModeEvidence":
+        """The mode as if these channels had not measured; correlations among f and φ are left out.
+
+        Where the unit component is one of them, the best known of the others, φ_v, becomes 1:
+
+            φ'_i = φ_i / φ_v,   var φ'_i = (var φ_i + φ'_i² var φ_v) / φ_v²
+        """
+        kept = np.flatnonzero(self.known)
+        kept = kept[~np.isin(kept - 1, list(channels))]
+        mean, variances = self.mean.copy(), np.diag(self.covariance).copy()
+        shape, unit = kept[kept > 0], self.unit_component
+        if unit in channels and shape.size:
+            best = shape[np.argmax(mean[shape] ** 2 / variances[shape])]
+            by, its_variance, unit = mean[best], variances[best], int(best) - 1
+            mean[shape] /= by
+            variances[shape] = (variances[shape] + mean[shape] ** 2 * its_variance) / by**2
+            kept = kept[kept != best]
+        information, level = np.zeros_like(self.information), np.zeros_like(self.level_information)
+        information[kept, kept] = 1 / variances[kept]
+        of_level = self.level_information[:, kept, kept] / self.information[kept, kept]
+        level[:, kept, kept] = of_level * information[kept, kept]
+        return replace(
+            self,
+            unit_component=unit,
+            information=information,
+            information_mean=information.diagonal() * np.nan_to_num(mean),
+            level_information=level,
         )
 
     def missed_by_chance(self, window: int) -> bool:

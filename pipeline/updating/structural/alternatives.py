@@ -38,6 +38,7 @@ from sensors.structure.description import TurbineDescription
 
 LEAST_ALTERNATIVE_WEIGHT = 1e-3  # of an alternative that draws are taken from [-]
 HOPELESS = 60.0  # cost above a rival's at which a structure has lost: e^-30 of its probability
+LARGEST_COST = 2.5  # per degree of freedom of the best: above, the structure is another one
 COST_GROWTH = 1.15  # of the last fit's cost, up to which a warm start is as good as it was [-]
 UNDESCRIBED_FLOODING = 0.1  # prior probability that water inside is not as described [-]
 LEAST_COUPLING = 0.25  # k12² / (k11 k22) over the described, below which the sign is in doubt: of
@@ -59,6 +60,10 @@ class Alternative:
     """Prior [-]"""
     support: str = ""
     """What it says of tubes and water, whatever of the blades."""
+
+
+_Fit = tuple[Alternative, JointFit]
+_End = tuple[Alternative, JointFit, JointPeak]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,15 +192,6 @@ class JointInference:
         likely = (alternative.support, "")
         return self._of([(each, fit) for each, fit in self.fits if each.support in likely])
 
-    @property
-    def _unlike_fits(self) -> list[tuple[Alternative, JointFit]]:
-        """One of each tubes and water: a description that is off by percents cannot tell blades
-        whose frequencies differ by three tenths of one."""
-        first: dict[str, tuple[Alternative, JointFit]] = {}
-        for each, fit in self.fits:
-            first.setdefault(each.support, (each, fit))
-        return list(first.values())
-
     def fit_of(self, name: str) -> JointFit:
         """The alternative of that name; the first where none has it."""
         return next((fit for each, fit in self.fits if each.name == name), self.fits[0][1])
@@ -217,7 +213,9 @@ class JointInference:
         found = []
         fits = [
             (each, fit.with_level_std(level_std).with_tolerance(tolerance))
-            for each, fit in (self._unlike_fits if tolerance > FINEST_TOLERANCE else self.fits)
+            for each, fit in (
+                _of_unlike_supports(self.fits) if tolerance > FINEST_TOLERANCE else self.fits
+            )
         ]
         peaks, lost = self._peaks(evidence, fits, starts or {})
         for alternative, fit, peak in peaks:
@@ -234,36 +232,24 @@ class JointInference:
     def _peaks(
         self,
         evidence: ModalEvidence,
-        fits: Sequence[tuple[Alternative, JointFit]],
+        fits: Sequence[_Fit],
         starts: Mapping[str, WarmStart],
-    ) -> tuple[list[tuple[Alternative, JointFit, JointPeak]], tuple[WarmStart, ...]]:
+    ) -> tuple[list[_End], tuple[WarmStart, ...]]:
         """Those of the alternatives that have not lost, with their peaks by the floors alone, and
         where the others ended."""
         warm = {each.name: starts[each.name] for each, _ in self.fits if each.name in starts}
-
-        def end_of(name: str, fit: JointFit, *, holds: bool) -> JointPeak | None:
-            if name not in warm:
-                return fit.best(evidence, most_starts=FEW_STARTS)
-            good = warm[name].good_cost(fit.settings.good_cost)
-            # what had lost cannot win where another holds: one descent tells that it still has
-            good = np.inf if holds and warm[name].lost else good
-            return fit.best(evidence, [warm[name].u], good_cost=good, most_starts=FEW_STARTS)
-
-        found: list[tuple[Alternative, JointFit, JointPeak]] = []
-        for each, fit in sorted(fits, key=lambda one: _has_lost(warm, one[0])):
-            holds = any(end.relative_cost <= its.settings.good_cost for _, its, end in found)
-            end = end_of(each.name, fit, holds=holds)
-            if end is not None:
-                found.append((each, fit, end))
-        peaks: list[tuple[Alternative, JointFit, JointPeak]] = []
-        for each, fit, end in sorted(_not_lost(found), key=lambda one: one[2].excess):
-            good = warm[each.name].good_cost(fit.settings.good_cost) if each.name in warm else None
-            if fit.is_rough:  # its other valleys are no better
-                peak = end
-            else:  # the valleys are of figures that all alternatives have: one searches for all
-                known = [peaks[0][2].u] if peaks else None
-                peak = fit.improved(evidence, end, good_cost=good, starts=known)
-            peaks.append((each, fit, peak))
+        in_order = sorted(fits, key=lambda one: _has_lost(warm, one[0]))
+        unlike = _of_unlike_supports(in_order)
+        alike = [one for one in in_order if one not in unlike]
+        found = _ends(unlike, evidence, warm)
+        # blades of another mesh cannot help a structure that is another one
+        if _least_cost(found) <= LARGEST_COST:
+            found += _ends(alike, evidence, warm, beside=found)
+            alike = []
+        peaks = _improved(found, evidence, warm)
+        if _least_cost(peaks) <= LARGEST_COST:  # further starts have found the valley
+            ends = _ends(alike, evidence, warm, beside=found, start=peaks[0][2].u)
+            peaks += _improved(ends, evidence, warm, known=peaks[0][2].u)
         kept = _not_lost(peaks)
         names = {each.name for each, *_ in kept}
         lost = tuple(
@@ -343,13 +329,77 @@ class JointInference:
         return [float(weight) for weight in weights / weights.sum()]
 
 
+def _ends(
+    fits: Sequence[_Fit],
+    evidence: ModalEvidence,
+    warm: Mapping[str, WarmStart],
+    *,
+    beside: Sequence[_End] = (),
+    start: FloatArray | None = None,
+) -> list[_End]:
+    """Where each fit ends from few starts.
+
+    beside   ends that are known
+    start    (n_dim,) that is tried first by those without a warm one
+    """
+    found: list[_End] = []
+    for each, fit in fits:
+        last = warm.get(each.name)
+        if last is None:
+            known = [] if start is None else [start]
+            end = fit.best(evidence, known, most_starts=FEW_STARTS)
+        else:
+            # what had lost cannot win where another holds: one descent tells that it still has
+            holds = _least_cost([*beside, *found]) <= fit.settings.good_cost
+            good = np.inf if holds and last.lost else last.good_cost(fit.settings.good_cost)
+            end = fit.best(evidence, [last.u], good_cost=good, most_starts=FEW_STARTS)
+        if end is not None:
+            found.append((each, fit, end))
+    return found
+
+
+def _improved(
+    ends: Sequence[_End],
+    evidence: ModalEvidence,
+    warm: Mapping[str, WarmStart],
+    *,
+    known: FloatArray | None = None,
+) -> list[_End]:
+    """Those that have not lost, the cheapest first, from further starts where they are no good.
+
+    known   (n_dim,) the best peak of others: the valleys are of figures that all alternatives
+            have, so that one searches for all; None: the first of these searches
+    """
+    peaks: list[_End] = []
+    for each, fit, end in sorted(_not_lost(ends), key=lambda one: one[2].excess):
+        good = warm[each.name].good_cost(fit.settings.good_cost) if each.name in warm else None
+        if not fit.is_rough:  # a rough one's other valleys are no better
+            best = peaks[0][2].u if known is None and peaks else known
+            starts = None if best is None else [best]
+            end = fit.improved(evidence, end, good_cost=good, starts=starts)
+        peaks.append((each, fit, end))
+    return peaks
+
+
+def _least_cost(ends: Sequence[_End]) -> float:
+    """Per degree of freedom; infinite of none."""
+    return min((end.relative_cost for *_, end in ends), default=np.inf)
+
+
+def _of_unlike_supports(fits: Sequence[_Fit]) -> list[_Fit]:
+    """The first of each tubes and water: a description that is off by percents cannot tell blades
+    whose frequencies differ by three tenths of one."""
+    first: dict[str, _Fit] = {}
+    for each, fit in fits:
+        first.setdefault(each.support, (each, fit))
+    return list(first.values())
+
+
 def _has_lost(warm: Mapping[str, WarmStart], alternative: Alternative) -> bool:
     return alternative.name in warm and warm[alternative.name].lost
 
 
-def _not_lost(
-    peaks: Sequence[tuple[Alternative, JointFit, JointPeak]],
-) -> list[tuple[Alternative, JointFit, JointPeak]]:
+def _not_lost(peaks: Sequence[_End]) -> list[_End]:
     """Those whose cost is not hopelessly above the lowest."""
     lowest = min((peak.excess for *_, peak in peaks), default=np.inf)
     return [

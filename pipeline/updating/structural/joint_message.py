@@ -105,7 +105,8 @@ def distrust(found: JointRefresh, guards: AcceptanceSettings) -> tuple[QualityWa
     be trusted."""
     doubts = []
     if found.fault is not None:
-        doubts.append(QualityWarning("sensor", f"{found.fault.text}: its shapes are read so"))
+        use = "they are left out" if found.fault.left_out else "its shapes are read so"
+        doubts.append(QualityWarning("sensor", f"{found.fault.text}: {use}"))
     if found.best.fit.is_rough:
         doubts.append(
             QualityWarning(

@@ -25,15 +25,14 @@ from pipeline.updating.structural.predictive_checks import (
     figure_conflicts,
     held_out_checks,
 )
+from pipeline.updating.structural.sensors.blamed_sensor import blamed_sensor, misfit
 from pipeline.updating.structural.sensors.faults import (
-    LARGEST_COST,
     LOST_PAIRS,
     SUSPICIOUS_COST,
     SensorFault,
-    far_off_sensors,
     fault_named,
+    fault_of_sensor,
     likely_wirings,
-    misfit,
     sensor_fault,
     still_explained,
     suspicious,
@@ -274,7 +273,11 @@ def _with_fault_named(
     best = result.best
     as_stated = inference.fit_of(best.alternative.name).with_level_std(level_std)
     fault = replace(fault, fit=best.fit)
-    sized = still_explained(fault, as_stated, fault.undone(evidence), best.peak)
+    if fault.left_out:
+        as_it_came = at_model_level(measured, best.fit, best.peak.u)
+    else:
+        as_it_came = fault.undone(evidence)
+    sized = still_explained(fault, as_stated, as_it_came, best.peak)
     return None if sized is None else _Attempt(result, evidence, sized)
 
 
@@ -328,21 +331,52 @@ def _with_a_fault(
 ) -> _Attempt:
     """The attempt with the fault of a sensor that explains most; as it was for none.
 
-    First all sensors turned alike and wrong cables, which no fit is needed to tell; then what fits
-    best from the peak; then a sensor metres away, with which every alternative is fitted anew.
+    First all sensors turned alike and wrong cables, which no fit is needed to tell; then one sensor
+    without which the others fit; then what fits best from the peak.
     """
     fine = attempt.result.best.fit.with_tolerance(FINEST_TOLERANCE)
     angles = likely_angles(fine, attempt.evidence, attempt.result.best.peak)
     likely = [(fault.name, size) for fault, size in turned_by(fine, angles)]
     likely += [(fault.name, 0.0) for fault in likely_wirings(fine, attempt.evidence)]
     found = _with_likely_fault(inference, measured, attempt, likely, level_std=level_std)
+    if found.fault is None:
+        found = _with_blamed_sensor(inference, measured, attempt, level_std=level_std)
     if found.fault is None and not attempt.fits_nothing(guards):
         found = _with_sensor_fault(inference, measured, attempt, level_std=level_std, last=last)
-    peak = attempt.result.best.peak
-    if found.fault is None and (attempt.fits_nothing(guards) or peak.relative_cost > LARGEST_COST):
-        sensors = [(fault.name, size) for fault, size in far_off_sensors(fine, attempt.evidence)]
-        found = _with_likely_fault(inference, measured, attempt, sensors, level_std=level_std)
     return found
+
+
+def _with_blamed_sensor(
+    inference: JointInference, measured: ModalEvidence, attempt: _Attempt, *, level_std: float
+) -> _Attempt:
+    """The attempt with what is wrong with the sensor without which the others fit; as it was where
+    they fit without none.
+
+    Tubes and water as described are tried first: which fitted the shapes of a wrong sensor best
+    tells nothing.
+    """
+    best, evidence = attempt.result.best, attempt.evidence
+    for support in dict.fromkeys(("", best.alternative.support)):
+        alike = next((fit for each, fit in inference.fits if each.support == support), best.fit)
+        fit = alike.with_level_std(level_std).with_tolerance(FINEST_TOLERANCE)
+        blamed = blamed_sensor(fit, evidence, best.peak)
+        if blamed is None:
+            continue
+        fault, peak = fault_of_sensor(fit, evidence, blamed)
+        warm = _warm(inference, peak, support=support)
+        anew = _with_fault_named(inference, measured, warm, level_std=level_std, name=fault.name)
+        if anew is not None:
+            return anew
+    return attempt
+
+
+def _warm(inference: JointInference, peak: JointPeak, *, support: str) -> list[WarmStart]:
+    """Starts of all alternatives at the peak of one with a fault; those of other tubes and water
+    count as lost until a descent tells otherwise."""
+    return [
+        WarmStart(each.name, peak.u, peak.relative_cost, lost=each.support != support)
+        for each, _ in inference.fits
+    ]
 
 
 def _with_likely_fault(
@@ -401,7 +435,7 @@ def _with_sensor_fault(
     if found is None:
         return attempt
     fault, peak = found
-    warm = [WarmStart(each.name, peak.u, peak.relative_cost) for each, _ in inference.fits]
+    warm = _warm(inference, peak, support=best.alternative.support)
     anew = _with_fault_named(inference, measured, warm, level_std=level_std, name=fault.name)
     return anew or _with_fault(inference, attempt, fault, peak)
 

@@ -14,8 +14,16 @@ from itertools import chain, combinations
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit
+from pipeline.updating.structural.alternatives import LARGEST_COST
+from pipeline.updating.structural.joint_fit import JointFit
 from pipeline.updating.structural.joint_model import JointPeak
+from pipeline.updating.structural.sensors.blamed_sensor import (
+    LEAST_DROP,
+    BlamedSensor,
+    channels_at,
+    misfit,
+)
+from pipeline.updating.structural.sensors.figures import SensorFigure
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
@@ -24,13 +32,8 @@ EXCHANGES_TRIED = 3  # of channels, those that pair the modes best
 MUCH_NEARER = 0.7  # of the pairing cost as it is, below which wrong cables are likely: flips and
 # swaps leave .07 to .6 of it, other faults .85 and more (tests.benchmarks.structural_uncertainty,
 # seeds 208001 to 208035)
-FAR_OFF_TRIED = 3  # sensors metres off, with every alternative
 FIGURES_TRIED = 5  # of sensors, those whose freedom promises most where the fit ended
 CORRECTIONS_TRIED = 4  # flips and swaps, those that fit best where the fit without a fault ended
-LEAST_DROP = 25.0  # of the cost: 12 nats against some sixty faults tried
-UNLIKE_COST = 9.0  # of a shape that is left out because it is not its partner's: as much as of a
-# mode without a partner
-LARGEST_COST = 2.5  # per degree of freedom with the fault: above, the structure is another one
 SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
 SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
 SUSPICIOUS_PAIRS = 0.85  # share of modes with a partner, below which likewise [-]
@@ -60,6 +63,8 @@ class SensorFault:
     signs: tuple[float, ...]
     places: tuple[int, ...] = ()
     """Of the coordinates that are far off, all by the same; none where channels are confused."""
+    left_out: tuple[int, ...] = ()
+    """Channels that are not compared: nothing explains what they read."""
 
     def size(self, u: FloatArray) -> float:
         """Of the coordinates that are far off, at a point [prior standard deviations]."""
@@ -67,6 +72,8 @@ class SensorFault:
 
     def corrected(self, evidence: ModalEvidence) -> ModalEvidence:
         """The evidence with the channels put right."""
+        if self.left_out:
+            return evidence.without_channels(self.left_out)
         return evidence.with_channels(self.order, self.signs)
 
     def undone(self, corrected: ModalEvidence) -> ModalEvidence:
@@ -114,7 +121,7 @@ def fault_named(name: str, fit: JointFit, *, size: float = 0.0) -> SensorFault |
     size   of a figure, about which it is looked for [prior standard deviations]
     """
     figures = chain(_wrong_figures(fit, size), _turned_layouts(fit, size))
-    faults = chain(figures, _wrong_cables(fit), _exchanges(fit))
+    faults = chain(figures, _wrong_cables(fit), _exchanges(fit), _left_out(fit))
     return next((each for each in faults if each.name == name), None)
 
 
@@ -151,20 +158,62 @@ def turned_by(fit: JointFit, angles: Iterable[float]) -> list[tuple[SensorFault,
     return [(fault, angle / std) for angle in angles if abs(angle) >= LEAST_SIZE["heading"]]
 
 
-def far_off_sensors(fit: JointFit, evidence: ModalEvidence) -> list[tuple[SensorFault, float]]:
-    """Sensors metres off, with their sizes in prior standard deviations, the likeliest first, by
-    short descents from the prior's own starts: to be tried where no peak is near."""
-    best: dict[str, tuple[float, SensorFault, float]] = {}
-    for figure in fit.sensors.figures:
-        for size in (each / figure.std for each in STARTS[figure.kind] if each):
-            fault = fault_named(figure.name, fit, size=size)
-            end = fault.fit.best(evidence, most_starts=FEW_STARTS) if fault else None
-            if fault is None or end is None:
-                continue
-            if figure.name not in best or misfit(end) < best[figure.name][0]:
-                best[figure.name] = (misfit(end), fault, fault.size(end.u))
-    nearest = sorted(best.values(), key=lambda each: each[0])[:FAR_OFF_TRIED]
-    return [(fault, size) for _, fault, size in nearest]
+def fault_of_sensor(
+    fit: JointFit, evidence: ModalEvidence, blamed: BlamedSensor
+) -> tuple[SensorFault, JointPeak]:
+    """What is wrong with a sensor without which the other ones fit, and the peak with it.
+
+    All else is known from the other sensors, so that one that is metres off is a descent away.
+    Where no fault explains what it reads, it is left out.
+    """
+    here, u = set(blamed.channels), blamed.peak.u
+    figures = [each for each in _wrong_figures(fit) if here >= set(_figure(each).channels)]
+    cables = [*_wrong_cables(fit), *_exchanges(fit)]
+    ends = (
+        (fault, fault.fit.settled(evidence, start))
+        for fault, start in _by_what_is_read(figures, fit, evidence, u)
+    )
+    recabled = (
+        (fault, fit.settled(fault.corrected(evidence), u))
+        for fault in cables
+        if here >= set(_changed(fault))
+    )
+    best: tuple[SensorFault, JointPeak] | None = None
+    for fault, end in chain(ends, recabled):
+        if end is None or not _sized(fault, end):
+            continue
+        if best is None or misfit(end) < misfit(best[1]):
+            best = (replace(fault, text=_sized(fault, end)), end)
+        if misfit(best[1]) <= misfit(blamed.peak) + LEAST_DROP:
+            return best  # as much as leaving it out explains
+    if best is not None and best[1].relative_cost <= SUSPICIOUS_COST:
+        return best
+    alone = next(each for each in _left_out(fit) if set(each.left_out) == here)
+    return alone, blamed.peak
+
+
+def _by_what_is_read(
+    figures: Sequence[SensorFault], fit: JointFit, evidence: ModalEvidence, u: FloatArray
+) -> list[tuple[SensorFault, FloatArray]]:
+    """Faults of one figure with the point where its size explains most of the shapes, all else as
+    at u; the one that explains most first.
+
+    Of shapes that are e off and change by j with a figure, the size −jᵀ D⁻¹ e / jᵀ D⁻¹ j leaves
+    least of Σ (e + j size)² / D.
+    """
+    found = fit.compared(evidence, fit.targets(evidence), u, fit.tolerance)
+    if found is None:
+        return []
+    rows = ~found.is_frequency
+    e, D = found.errors[rows], fit.variances(found, 0.0)[rows]
+    sized = []
+    for fault in figures:
+        j = found.jacobian[rows, fault.places[0]]
+        size = -float((j / D) @ e / ((j / D) @ j + 1e-12))
+        start = u.copy()
+        start[fault.places[0]] += size
+        sized.append((float(((e + j * size) ** 2 / D).sum()), fault, start))
+    return [(fault, start) for _, fault, start in sorted(sized, key=lambda each: each[0])]
 
 
 def _best_of(
@@ -182,12 +231,6 @@ def _best_of(
     fault, end = best
     text = _sized(fault, end) if end.relative_cost <= LARGEST_COST else ""
     return (replace(fault, text=text), end) if text else None
-
-
-def misfit(peak: JointPeak) -> float:
-    """The cost beyond chance, by which fits with and without a fault are compared: a shape that is
-    left out must not count as one that fits."""
-    return peak.excess + UNLIKE_COST * peak.comparison.unlike_shapes
 
 
 def _share(peak: JointPeak) -> float:
@@ -274,6 +317,27 @@ def _exchanges(fit: JointFit) -> Iterator[SensorFault]:
         yield SensorFault(name, text, fit, tuple(order), (1.0,) * n)
 
 
+def _left_out(fit: JointFit) -> Iterator[SensorFault]:
+    """Any sensor whose channels are not compared."""
+    n = len(fit.model.layout.channels)
+    for elevation, channels in channels_at(fit.model.layout).items():
+        text = f"no height, direction or gain of the sensor at {elevation:g} m explains its shapes"
+        name = f"left out {elevation:g} m"
+        yield SensorFault(name, text, fit, tuple(range(n)), (1.0,) * n, left_out=channels)
+
+
+def _changed(fault: SensorFault) -> list[int]:
+    """Channels that a fault of cables exchanges or flips."""
+    pairs = enumerate(zip(fault.order, fault.signs, strict=True))
+    return [c for c, (other, sign) in pairs if other != c or sign < 0]
+
+
+def _figure(fault: SensorFault) -> SensorFigure:
+    """Of a fault of one gain, heading or height."""
+    first = fault.fit.coordinates.n_dim - len(fault.fit.sensors.figures)
+    return fault.fit.sensors.figures[fault.places[0] - first]
+
+
 def _likeliest_figures(fit: JointFit, peak: JointPeak) -> list[SensorFault]:
     """The figures whose freedom would lower the cost by most, as the curvature at a peak says.
 
@@ -307,8 +371,7 @@ def _sized(fault: SensorFault, peak: JointPeak) -> str:
     """The fault in words with its size; "" for one that is too small to be one."""
     if not fault.places:
         return fault.text
-    first = fault.fit.coordinates.n_dim - len(fault.fit.sensors.figures)
-    figure = fault.fit.sensors.figures[fault.places[0] - first]
+    figure = _figure(fault)
     size = fault.size(peak.u) * figure.std
     if abs(size) < LEAST_SIZE[figure.kind]:
         return ""

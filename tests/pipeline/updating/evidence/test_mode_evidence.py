@@ -1,4 +1,4 @@
-"""How long a mode is remembered that the windows see no more."""
+"""How long a mode is remembered that the windows see no more, and modes without some channels."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.mode_evidence import ModeEvidence
+from pipeline.updating.evidence.mode_evidence import ModeEvidence, PartnerInWater
 from pipeline.updating.evidence.observations import ModeObservation
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 
@@ -48,3 +48,54 @@ def test_a_mode_that_wanders_far_from_its_mean_is_still_the_same_mode() -> None:
         evidence = evidence.with_estimate(estimate)
     (mode,) = evidence.modes
     assert mode.n_windows == 21
+
+
+def seen_mode(values: list[float], stds: list[float], rises: tuple[float, ...]) -> ModeEvidence:
+    """Of windows with the water that much above the model's level."""
+    factor = np.diag(stds)
+    observation = ModeObservation("m1", np.array(values), factor, n_blocks=0)
+    mode = ModeEvidence.empty(observation)
+    for window, rise in enumerate(rises, start=1):
+        mode = mode.with_observation(
+            observation, window=window, weight=1.0, joint_covariance=False, rise=rise
+        )
+    return mode
+
+
+def test_without_a_channel_a_mode_is_as_if_that_channel_had_not_measured() -> None:
+    values, stds = [0.3, 1.0, 0.6, -0.4], [1e-3, 0.0, 0.02, 0.03]
+    absent = [0.3, 1.0, np.nan, -0.4], [1e-3, 0.0, 0.0, 0.03]
+    water = PartnerInWater(np.log([0.29, 0.3, 0.302]), np.array([[1, 0.5, -0.3]] * 3) * 1.0)
+    water.shapes[2] += [0.0, 0.1, 0.2]
+    rises = (0.5, -0.2, 1.0)
+    left_out = seen_mode(values, stds, rises).without_channels([1])
+    expected = seen_mode(*absent, rises)
+    for mode, other in [
+        (left_out, expected),
+        (left_out.at_model_level(water), expected.at_model_level(water)),
+    ]:
+        np.testing.assert_allclose(mode.mean, other.mean)
+        np.testing.assert_allclose(mode.covariance, other.covariance)
+
+
+def test_a_shape_without_its_unit_component_scatters_as_drawn_ones_do() -> None:
+    """By a Monte Carlo: draws of the shape, normalised to the channel that is best known then."""
+    values, stds = [0.3, 1.0, 0.9, -0.4, 0.2], [1e-3, 0.0, 0.01, 0.02, 0.01]
+    left_out = seen_mode(values, stds, (0.0,)).without_channels([0])
+    assert left_out.unit_component == 1
+    drawn = np.random.default_rng(18_950).normal(values, stds, (200_000, 5))
+    drawn[:, 2:] /= drawn[:, [2]]
+    np.testing.assert_allclose(
+        left_out.mean[[0, 2, 3, 4]], drawn.mean(axis=0)[[0, 2, 3, 4]], rtol=2e-3
+    )
+    stds_left = np.sqrt(np.diag(left_out.covariance))[[0, 3, 4]]
+    np.testing.assert_allclose(stds_left, drawn.std(axis=0)[[0, 3, 4]], rtol=0.01)
+    assert not left_out.known[1]
+    assert not left_out.known[2]
+
+
+def test_a_mode_of_one_sensor_alone_is_a_frequency_without_it() -> None:
+    left_out = seen_mode([0.3, 1.0, 0.9], [1e-3, 0.0, 0.01], (0.0,)).without_channels([0, 1])
+    assert left_out.frequency == pytest.approx(0.3)
+    assert left_out.frequency_std == pytest.approx(1e-3)
+    assert not left_out.known[1:].any()
