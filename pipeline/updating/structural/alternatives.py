@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit
+from pipeline.updating.structural.joint_fit import FEW_STARTS, LARGEST_COST, JointFit
 from pipeline.updating.structural.joint_model import FINEST_TOLERANCE, JointPeak
 from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
 from pipeline.updating.structural.prior import (
@@ -38,7 +38,6 @@ from sensors.structure.description import TurbineDescription
 
 LEAST_ALTERNATIVE_WEIGHT = 1e-3  # of an alternative that draws are taken from [-]
 HOPELESS = 60.0  # cost above a rival's at which a structure has lost: e^-30 of its probability
-LARGEST_COST = 2.5  # per degree of freedom of the best: above, the structure is another one
 COST_GROWTH = 1.15  # of the last fit's cost, up to which a warm start is as good as it was [-]
 UNDESCRIBED_FLOODING = 0.1  # prior probability that water inside is not as described [-]
 LEAST_COUPLING = 0.25  # k12² / (k11 k22) over the described, below which the sign is in doubt: of

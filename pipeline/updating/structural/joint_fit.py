@@ -46,6 +46,7 @@ ANNEALING = (
 )
 LARGEST_SQUARE = 9.0  # that one frequency counts in the cost; a shape's components each [-]
 FEW_STARTS = 3
+LARGEST_COST = 2.5  # per degree of freedom: above, the structure is another one
 LONGEST_SPRING_STEP = np.array([0.35, 0.35, 0.8])  # of the springs' coordinates [-]
 LONGEST_FIGURE_STEP = 1.5  # [prior standard deviations]
 MOST_DESCENT_STEPS = 25  # at the data's own errors

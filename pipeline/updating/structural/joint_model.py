@@ -32,6 +32,8 @@ from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import varied
 
 FINEST_TOLERANCE = 0.004  # of the pairing at the end, where the description holds [-]
+UNLIKE_COST = 9.0  # of a shape that is left out because it is not its partner's: as much as of a
+# mode without a partner
 ROUGH_FIGURES = 3.0  # how much farther figures of a description that does not hold may be off: not
 # only what was drawn of it is wrong, also what was left out; chosen on tests.outside's `detailed`
 # structure, seeds 20000 to 20005 [-]
@@ -58,6 +60,12 @@ class JointPeak:
     def excess(self) -> float:
         """Cost beyond chance: what is not compared must not count as a gain."""
         return self.cost - self.degrees
+
+    @property
+    def misfit(self) -> float:
+        """The excess by which fits with and without a sensor's fault are compared: a shape that is
+        left out must not count as one that fits."""
+        return self.excess + UNLIKE_COST * self.comparison.unlike_shapes
 
 
 class JointModel:

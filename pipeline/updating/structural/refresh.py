@@ -25,8 +25,9 @@ from pipeline.updating.structural.predictive_checks import (
     figure_conflicts,
     held_out_checks,
 )
-from pipeline.updating.structural.sensors.blamed_sensor import blamed_sensor, misfit
+from pipeline.updating.structural.sensors.blamed_sensor import blamed_sensor
 from pipeline.updating.structural.sensors.faults import (
+    LEAST_DROP,
     LOST_PAIRS,
     SUSPICIOUS_COST,
     SensorFault,
@@ -360,9 +361,9 @@ def _with_blamed_sensor(
         alike = next((fit for each, fit in inference.fits if each.support == support), best.fit)
         fit = alike.with_level_std(level_std).with_tolerance(FINEST_TOLERANCE)
         blamed = blamed_sensor(fit, evidence, best.peak)
-        if blamed is None:
+        if blamed is None or blamed[1].misfit > best.peak.misfit - LEAST_DROP:
             continue
-        fault, peak = fault_of_sensor(fit, evidence, blamed)
+        fault, peak = fault_of_sensor(fit, evidence, *blamed)
         warm = _warm(inference, peak, support=support)
         anew = _with_fault_named(inference, measured, warm, level_std=level_std, name=fault.name)
         if anew is not None:
@@ -402,7 +403,7 @@ def _with_likely_fault(
         found = _with_fault_named(alike, measured, (), level_std=level_std, name=name, size=size)
         if found is None or found.paired_share <= attempt.paired_share - LOST_PAIRS:
             continue
-        if best is None or misfit(found.result.best.peak) < misfit(best.result.best.peak):
+        if best is None or found.result.best.peak.misfit < best.result.best.peak.misfit:
             best = found
         if best.result.best.peak.relative_cost <= SUSPICIOUS_COST:
             break

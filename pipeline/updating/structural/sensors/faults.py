@@ -2,27 +2,21 @@
 
 Each fault is one more model of the same data. A turned, scaled or displaced sensor is the fit with
 a prior of that one figure that allows it; a flipped or swapped one the fit to shapes whose channels
-are put right; sensors that are all turned by one angle (`turned_layouts`), as against a nacelle
-whose yaw nothing reports, the fit with all headings about that angle. The cheapest is taken where
-it lowers the cost by more than chance and the number of faults that were tried allow.
+are put right, or to those of the other sensors, where nothing else explains what one reads; sensors
+that are all turned by one angle (`turned_layouts`), as against a nacelle whose yaw nothing reports,
+the fit with all headings about that angle. The cheapest is taken where it lowers the cost by more
+than chance and the number of faults that were tried allow.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
 
 import numpy as np
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.structural.alternatives import LARGEST_COST
-from pipeline.updating.structural.joint_fit import JointFit
+from pipeline.updating.structural.joint_fit import LARGEST_COST, JointFit
 from pipeline.updating.structural.joint_model import JointPeak
-from pipeline.updating.structural.sensors.blamed_sensor import (
-    LEAST_DROP,
-    BlamedSensor,
-    channels_at,
-    misfit,
-)
 from pipeline.updating.structural.sensors.figures import SensorFigure
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -32,6 +26,7 @@ EXCHANGES_TRIED = 3  # of channels, those that pair the modes best
 MUCH_NEARER = 0.7  # of the pairing cost as it is, below which wrong cables are likely: flips and
 # swaps leave .07 to .6 of it, other faults .85 and more (tests.benchmarks.structural_uncertainty,
 # seeds 208001 to 208035)
+LEAST_DROP = 25.0  # of the cost: 12 nats against some sixty faults tried
 FIGURES_TRIED = 5  # of sensors, those whose freedom promises most where the fit ended
 CORRECTIONS_TRIED = 4  # flips and swaps, those that fit best where the fit without a fault ended
 SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
@@ -137,7 +132,7 @@ def still_explained(
     if peak.relative_cost > LARGEST_COST:
         return None
     without = fit.settled(measured, peak.u)
-    if without is not None and misfit(without) < misfit(peak) + LEAST_DROP:
+    if without is not None and without.misfit < peak.misfit + LEAST_DROP:
         return None
     text = _sized(fault, peak)
     return replace(fault, text=text) if text else None
@@ -159,14 +154,17 @@ def turned_by(fit: JointFit, angles: Iterable[float]) -> list[tuple[SensorFault,
 
 
 def fault_of_sensor(
-    fit: JointFit, evidence: ModalEvidence, blamed: BlamedSensor
+    fit: JointFit, evidence: ModalEvidence, channels: Collection[int], without: JointPeak
 ) -> tuple[SensorFault, JointPeak]:
     """What is wrong with a sensor without which the other ones fit, and the peak with it.
+
+    channels   of the sensor
+    without    the peak of the evidence without them
 
     All else is known from the other sensors, so that one that is metres off is a descent away.
     Where no fault explains what it reads, it is left out.
     """
-    here, u = set(blamed.channels), blamed.peak.u
+    here, u = set(channels), without.u
     figures = [each for each in _wrong_figures(fit) if here >= set(_figure(each).channels)]
     cables = [*_wrong_cables(fit), *_exchanges(fit)]
     ends = (
@@ -182,14 +180,14 @@ def fault_of_sensor(
     for fault, end in chain(ends, recabled):
         if end is None or not _sized(fault, end):
             continue
-        if best is None or misfit(end) < misfit(best[1]):
+        if best is None or end.misfit < best[1].misfit:
             best = (replace(fault, text=_sized(fault, end)), end)
-        if misfit(best[1]) <= misfit(blamed.peak) + LEAST_DROP:
+        if best[1].misfit <= without.misfit + LEAST_DROP:
             return best  # as much as leaving it out explains
     if best is not None and best[1].relative_cost <= SUSPICIOUS_COST:
         return best
     alone = next(each for each in _left_out(fit) if set(each.left_out) == here)
-    return alone, blamed.peak
+    return alone, without
 
 
 def _by_what_is_read(
@@ -224,9 +222,9 @@ def _best_of(
         fitted = _fitted(fault, evidence, peak)
         if fitted is None or _share(fitted) < _share(peak) - LOST_PAIRS:
             continue  # a mode without a partner is cheaper than one with a poor shape
-        if best is None or misfit(fitted) < misfit(best[1]):
+        if best is None or fitted.misfit < best[1].misfit:
             best = (fault, fitted)
-    if best is None or misfit(best[1]) > misfit(peak) - LEAST_DROP:
+    if best is None or best[1].misfit > peak.misfit - LEAST_DROP:
         return None
     fault, end = best
     text = _sized(fault, end) if end.relative_cost <= LARGEST_COST else ""
@@ -243,7 +241,7 @@ def _fitted(fault: SensorFault, evidence: ModalEvidence, peak: JointPeak) -> Joi
     if not fault.places:
         return fault.fit.best(fault.corrected(evidence), [peak.u], most_starts=2)
     ends = [fault.fit.settled(evidence, start) for start in _starts(fault, peak.u)]
-    return min((end for end in ends if end), key=misfit, default=None)
+    return min((end for end in ends if end), key=lambda end: end.misfit, default=None)
 
 
 def _starts(fault: SensorFault, u: FloatArray) -> Iterator[FloatArray]:
@@ -320,7 +318,9 @@ def _exchanges(fit: JointFit) -> Iterator[SensorFault]:
 def _left_out(fit: JointFit) -> Iterator[SensorFault]:
     """Any sensor whose channels are not compared."""
     n = len(fit.model.layout.channels)
-    for elevation, channels in channels_at(fit.model.layout).items():
+    layout: SensorLayout = fit.model.layout
+    for elevation in np.unique(layout.elevations):
+        channels = tuple(np.flatnonzero(layout.elevations == elevation).tolist())
         text = f"no height, direction or gain of the sensor at {elevation:g} m explains its shapes"
         name = f"left out {elevation:g} m"
         yield SensorFault(name, text, fit, tuple(range(n)), (1.0,) * n, left_out=channels)
