@@ -135,6 +135,8 @@ def joint_refresh(
     covariance = best.posterior.covariance
     relative = None
     if reference is not None:
+        if tried.fault is not None:
+            reference = tried.fault.corrected(reference)
         relative = relative_springs(
             best.fit.with_level_std(max(level_std, _level_std(inference, reference))),
             at_model_level(reference, best.fit, best.peak.u)

@@ -469,3 +469,20 @@ def test_swapped_sensors_are_named_whatever_structure_fitted_their_shapes_best(
     assert found is not None
     assert any("80 m and 145 m are swapped" in doubt for doubt in found.doubts)
     assert all(found.held)
+
+
+def test_the_change_is_told_with_the_reference_read_as_the_latest_windows_are(
+    inference: JointInference,
+) -> None:
+    """Two sensors have been exchanged from the start, the springs are those of the reference."""
+    truth, swapped = truth_of(31), (SensorFault("swapped", 80.0, 145.0),)
+    reference = evidence_of(truth, np.random.default_rng(31), swapped)
+    rng = np.random.default_rng(32)
+    found = joint_refresh(inference, evidence_of(truth, rng, swapped), (), rng, reference=reference)
+    assert found is not None
+    assert found.fault is not None
+    assert found.fault.name == "swapped 80 145"
+    assert found.relative is not None
+    stds = np.sqrt(np.diag(found.relative.covariance))
+    assert np.abs(found.relative.mean / stds).max() < 3
+    assert stds.max() < 0.03  # frequencies alone tell it to .04
