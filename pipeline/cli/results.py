@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pipeline.cli.console import escape_markup, output
-from pipeline.state.phrases import count_noun
+from pipeline.state.phrases import count_noun, figures_named
 from sensors.json_values import Json
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def print_results(
         _print_rest(reasons, f"rejected ({code})")
     for code, warnings in _by_code(figures["warnings"]).items():
         for warning in warnings[:PRINTED_PER_CODE]:
-            output.print(f"[yellow]{code}[/]: {escape_markup(warning['text'])}")
+            output.print(f"[yellow]{code}[/]: {escape_markup(figures_named(warning['text']))}")
         _print_rest(warnings, code)
 
 
