@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pipeline.cli.console import escape_markup, output
-from pipeline.state.phrases import count_noun, figures_named
+from pipeline.state.phrases import WHAT_TO_DO, count_noun, figures_named
 from sensors.json_values import Json
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _print_posterior(posterior: "FoundationPosterior", figures: Json, *, misfits
     if misfits or not posterior.trusted:
         output.print(misfit_table(posterior))
     if not posterior.trusted:
-        output.print("[bold red]NOT TRUSTED[/]: the data contradict the model.")
+        output.print(f"[bold red]NOT TRUSTED[/]: the data contradict the model; {WHAT_TO_DO}.")
 
 
 def _by_code(items: Sequence[Json]) -> dict[str, list[Json]]:

@@ -16,7 +16,7 @@ from pipeline.messages import (
 )
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.wording import between_instants, join_with_and, percent, period, span
-from pipeline.state.phrases import count_noun, figures_named
+from pipeline.state.phrases import WHAT_TO_DO, count_noun, figures_named
 from pipeline.state.posterior_json import ROUGH, ratios, widest_half_width
 from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PARAMETER_NAMES
@@ -75,7 +75,8 @@ def reasons_for_distrust(posterior: FoundationPosterior | None) -> list[str]:
     """Return why the posterior must not be used; empty where it may be."""
     if posterior is None or posterior.trusted:
         return []
-    return [sentence(figures_named(warning.text)) for warning in posterior.warnings]
+    reasons = [sentence(figures_named(warning.text)) for warning in posterior.warnings]
+    return [*reasons, sentence(WHAT_TO_DO)]
 
 
 def change_sentences(record: TurbineRecord) -> list[str]:

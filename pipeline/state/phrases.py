@@ -7,6 +7,9 @@ FIGURE_KEY = re.compile(r"\b[a-z]+(?:_[a-z]+)+(?= lies\b)")
 """A figure's key as a warning names it."""
 
 
+WHAT_TO_DO = (
+    "what to do about each warning: docs/pages/your-turbine.md, When the posterior is not trusted"
+)
 FIGURES_NOTE = (
     "unit -: factor to the description, of a gain its departure; m and deg: departure from the "
     "description; kg: mass added at the transition; RNA: rotor and nacelle"

@@ -86,7 +86,7 @@ class ModeView:
         for row, label in enumerate(posterior.model_labels):
             if label in self._labels:
                 pair, mode = paired.get(label, (None, None))
-                self._draw_track(label, float(posterior.model_frequencies[row]), mode)
+                self._draw_track(label, _model_frequency(posterior, row, pair), mode)
                 if layout is not None:
                     shape = posterior.model_shapes[row]
                     model = deflection(layout, layout.channel_names, shape)
@@ -192,6 +192,18 @@ class ModeView:
         lines += [in_hertz(pair.frequency), f"{pair.mac:.2f}"] if pair else ["–"]
         foot = self._outline.mudline - CAPTION_DEPTH
         tower_views.log_shape_caption(self._recording, self._root, label, lines, foot=foot)
+
+
+def _model_frequency(posterior: FoundationPosterior, row: int, pair: ModePair | None) -> float:
+    """Return a model mode's frequency [Hz], as the tables have it.
+
+    That of the pair is of the structure with its inferred figures; the posterior's own list is of
+    the structure as described, which is another one where figures are inferred: NaN, a gap.
+    """
+    if pair is not None:
+        return pair.model_frequency
+    as_described = float(posterior.model_frequencies[row])
+    return as_described if posterior.structure != "uncertain" else float("nan")
 
 
 def _paired(

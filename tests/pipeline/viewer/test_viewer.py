@@ -190,6 +190,27 @@ def test_every_reference_mode_has_a_track_of_identified_over_model(recorded: Rec
             assert np.all((low < middle) & (np.abs(middle / frequency - 1) < 0.03))
 
 
+def test_the_models_track_is_of_the_structure_that_was_inferred(tmp_path: Path):
+    """As in the tables: a pair's model frequency; the described structure's is another."""
+    messages = list(session(Episode(n_windows=1)))
+    estimate = next(each for each in messages if isinstance(each, ModalEstimate))
+    posterior = next(each for each in messages if isinstance(each, FoundationPosterior))
+    pairs = tuple(
+        replace(pair, model_frequency=0.99 * pair.model_frequency)
+        for pair in posterior.pairs
+        if pair.model != "9"
+    )
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    for message in (LAYOUT, estimate, replace(posterior, pairs=pairs, structure="uncertain")):
+        viewer.handle(message)
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    described = dict(zip(posterior.model_labels, posterior.model_frequencies, strict=True))
+    (drawn,) = recorded.scalars(f"{ROOT}/modes/5/model")
+    assert drawn == pytest.approx(0.99 * described["5"], rel=1e-6)
+    assert np.isnan(recorded.scalars(f"{ROOT}/modes/9/model")).all()
+
+
 def test_tracks_are_whole_when_the_identification_runs_ahead_of_the_updating(tmp_path: Path):
     recorded = record(tmp_path / "ahead.rrd", Episode(ahead=True))
     times = recorded.times_ns(f"{ROOT}/modes/5/identified")
