@@ -315,6 +315,9 @@ def test_the_tower_leans_on_its_springs_in_the_colours_of_nominal_posterior_and_
     for name, count in counts.items():
         *_, lines = recorded.column(f"{pile}/{name}", "LineStrips2D:strips")
         assert len(lines) == count
+    orders = [recorded.column(f"{pile}/{name}", "LineStrips2D:draw_order")[-1] for name in counts]
+    assert orders == sorted(orders)  # a narrow posterior does not hide the truth
+    assert orders[-1] > orders[-2]
 
 
 def test_a_change_gets_its_mark_and_its_sizes_where_there_is_one(tmp_path: Path):
