@@ -65,7 +65,7 @@ def figures_tables(posterior: Json) -> list[Table]:
     """
     if not posterior["figures"]:
         return []
-    headings = ("", "median", "90 % interval", "unit", "from the data")
+    headings = ("", "median", "90 % interval", "unit", "from the data [%]")
     table = table_of("Figures of the structure and its sensors", figures=headings, no_wrap=True)
     for name, each in posterior["figures"].items():
         median, low, high = (format_value(each[key], ".3g") for key in ("median", "p05", "p95"))
@@ -75,7 +75,7 @@ def figures_tables(posterior: Json) -> list[Table]:
             median,
             f"{low} to {high}",
             escape(each["unit"]),
-            format_value(None if narrowed is None else 100 * max(narrowed, 0.0), ".0f") + " %",
+            format_value(None if narrowed is None else 100 * max(narrowed, 0.0), ".0f"),
         )
     table.caption = (
         f"{FIGURES_NOTE}; from the data: how much they narrowed what was assumed beforehand"

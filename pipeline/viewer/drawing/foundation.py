@@ -82,7 +82,7 @@ def log_posterior_widths(
             recording.log(width_path(root, parameter.name), rr.Scalars(left))
 
 
-LOWEST_LINE = 20.0  # of a picture's lines that lie above each other; Rerun's default of lines
+FIRST_DRAW_ORDER = 20.0  # of a picture's lines that lie above each other; Rerun's default of lines
 
 
 def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> None:
@@ -99,7 +99,7 @@ def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> 
     ):
         width = rr.Radius.ui_points(radius)
         drawn = rr.LineStrips2D(
-            strips(lines), radii=width, colors=colour, draw_order=LOWEST_LINE + order
+            strips(lines), radii=width, colors=colour, draw_order=FIRST_DRAW_ORDER + order
         )
         recording.log(f"{path}/{name}", drawn)
     recording.log(f"{path}/text", text_labels(picture.texts))
