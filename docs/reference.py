@@ -179,7 +179,11 @@ def structure_keys() -> str:
 SCENARIO = """One TOML file is the whole experiment. An unknown key is an error that names its
 section. `pilewatch simulate --describe NAME` prints a shipped one."""
 DESCRIPTION = """The structure: tubes from the mudline upwards, rotor and nacelle, water,
-foundation. `pilewatch describe --template` prints a complete file to start from."""
+foundation. `pilewatch describe --template` prints a complete file to start from.
+
+Instead of its own `youngs_modulus`, `density`, `poisson_ratio` and `shear`, a tube may name a
+material, `material = "steel"`, whose section `[materials.steel]` has these keys; what a tube states
+itself comes first."""
 LAYOUT = """Where the channels of a measurement are: `--layout FILE`. `pilewatch import FILE
 --template` prints one to fill in; `pilewatch new FILE` guesses one."""
 NOTICES = """Who is notified of what: `run --notices FILE`. `pilewatch notices FILE --test` sends a

@@ -170,7 +170,11 @@ def _sniff(address: str, seconds: float) -> None:
     output.print(printable(example[:400].decode("utf-8", "replace"), 400), markup=False)
     found = sniffed(messages)
     if not found.mapping:
-        raise InputError(f"{address}: no preset reads these messages, and no mapping was found")
+        raise InputError(
+            f"{address}: no preset reads these messages, and no mapping was found; a file with "
+            "[mapping], time = KEY, values = KEY and rate = KEY reads them, named in the address "
+            "by ?mapping=FILE (docs/pages/live.md, Messages of other shapes)"
+        )
     for name, samples in found.channels.items():
         output.print(f"{samples:6d}  samples of {printable(name, 100)}", markup=False)
     output.print(

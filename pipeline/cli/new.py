@@ -92,6 +92,8 @@ def new(
         "zone": zone,
         "scada": scada or (),
     }
+    if folders := [file for file in files if file.is_dir()]:
+        raise InputError(f"{folders[0]} is a folder; name the files in it")
     asking = sys.stdin.isatty() and stderr.is_terminal and not (yes or as_json)
     project = _started(files, folder, options, asking=asking)
     sampling_rate = options["sampling_rate"]

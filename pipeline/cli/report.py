@@ -25,7 +25,9 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="The HTML file; default: report.html in this folder."),
+        typer.Option(
+            "-o", "--out", help="The HTML file; default: report.html in the current folder."
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

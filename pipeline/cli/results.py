@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pipeline.cli.console import escape_markup, output
-from pipeline.state.phrases import count_noun
+from pipeline.state.phrases import WHAT_TO_DO, count_noun, figures_named
 from sensors.json_values import Json
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def print_results(
         _print_rest(reasons, f"rejected ({code})")
     for code, warnings in _by_code(figures["warnings"]).items():
         for warning in warnings[:PRINTED_PER_CODE]:
-            output.print(f"[yellow]{code}[/]: {escape_markup(warning['text'])}")
+            output.print(f"[yellow]{code}[/]: {escape_markup(figures_named(warning['text']))}")
         _print_rest(warnings, code)
 
 
@@ -88,7 +88,7 @@ def _print_posterior(posterior: "FoundationPosterior", figures: Json, *, misfits
     if misfits or not posterior.trusted:
         output.print(misfit_table(posterior))
     if not posterior.trusted:
-        output.print("[bold red]NOT TRUSTED[/]: the data contradict the model.")
+        output.print(f"[bold red]NOT TRUSTED[/]: the data contradict the model; {WHAT_TO_DO}.")
 
 
 def _by_code(items: Sequence[Json]) -> dict[str, list[Json]]:

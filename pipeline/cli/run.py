@@ -157,7 +157,9 @@ def run(
             _print_session(session, opened)
             turbines = [each["turbine"] for each in session.figures.get("turbines", ())]
             if len(turbines) > 1:
-                note = farm_note(turbines, session.figures["turbine"], out)
+                pooled = any(each["posterior"] for each in session.figures["turbines"])
+                shown_of = session.figures["turbine"]
+                note = farm_note(turbines, shown_of, out, pooled=pooled)
                 output.print(escape_markup(note), soft_wrap=True)
         shown.wait(stopping)
     if not session.complete:
@@ -209,11 +211,14 @@ def _session_options(
     )
 
 
-def farm_note(turbines: Sequence[str], shown: str, out: Path) -> str:
-    """Return a note on whose results were printed, and where the others are."""
+def farm_note(turbines: Sequence[str], shown: str, out: Path, *, pooled: bool) -> str:
+    """Return a note on whose results were printed, and where the others are.
+
+    pooled   whether there are posteriors that a farm can pool
+    """
+    command = f"pilewatch farm {out}" if pooled else f"pilewatch report {out}"
     return (
-        f"These are the results of {shown}, one of {len(turbines)} turbines; all of them: "
-        f"pilewatch farm {out}"
+        f"These are the results of {shown}, one of {len(turbines)} turbines; all of them: {command}"
     )
 
 

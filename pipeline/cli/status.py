@@ -21,6 +21,8 @@ from pipeline.cli.console import (
     stop_on_signals,
     zenoh_settings,
 )
+from pipeline.cli.tables.cells import table_of
+from pipeline.state.phrases import count_noun
 from sensors.errors import InputError
 
 
@@ -138,14 +140,15 @@ def notices(
             output.print_json(json.dumps({"file": str(file), "channels": count}))
             return
         stderr.print(
-            f"{escape_markup(str(file))} is right: {count} channels; --test sends a message."
+            f"{escape_markup(str(file))} is right: {count_noun(count, 'channel')}; --test sends "
+            "a message."
         )
         return
     results = list(checked_channels(settings, out.resolve()))
     if as_json:
         output.print_json(json.dumps([asdict(each) for each in results]))
     else:
-        table = Table("channel", "receiver", "time [s]", "result")
+        table = table_of("", "channel", "receiver", "time [s]", "result")
         for each in results:
             result = escape_markup(each.problem) if each.problem else "delivered"
             table.add_row(each.channel, escape_markup(each.place), f"{each.seconds:.2f}", result)

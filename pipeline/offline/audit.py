@@ -29,6 +29,8 @@ class Audit:
     damaged: tuple[str, ...]
     """Files that cannot be read to their end, in words."""
     n_files: int
+    n_open: int = 0
+    """Of them not closed: their run goes on or was killed."""
 
     @property
     def violations(self) -> tuple[str, ...]:
@@ -41,13 +43,15 @@ class Audit:
         found = len(self.violations)
         verdict = "the books balance" if not found else f"{found} violations"
         files = count_noun(self.n_files, "file")
-        return f"{self.folder}: {verdict}; {files}, {self.books.line}"
+        left = f" ({self.n_open} not closed: its run goes on or was killed)" if self.n_open else ""
+        return f"{self.folder}: {verdict}; {files}{left}, {self.books.line}"
 
     def as_json(self) -> Json:
         """Return all figures; names are stable."""
         return {
             "folder": str(self.folder),
             "files": self.n_files,
+            "files_not_closed": self.n_open,
             "damaged": list(self.damaged),
             **self.books.as_json(),
             "balanced": not self.violations,
@@ -73,7 +77,8 @@ def audit(folder: Path) -> Audit:
                 books.handle(message)
         except RecordingError as error:
             damaged.append(str(error))
-    return Audit(folder, books, tuple(damaged), len(files))
+    n_open = sum(file.name.endswith(ACTIVE_SUFFIX) for file in files)
+    return Audit(folder, books, tuple(damaged), len(files), n_open)
 
 
 def _messages(file: Path) -> Iterator[Message]:

@@ -9,7 +9,9 @@ import numpy as np
 from pipeline.messages import (
     HALF_INTERVAL,
     FoundationEvent,
+    FoundationPosterior,
     ModalEstimate,
+    QualityWarning,
     UnitOrigin,
     WindowRejected,
 )
@@ -18,11 +20,13 @@ from pipeline.recording.reader import read_messages
 from pipeline.scenario import Scenario
 from pipeline.sources.recorded_stream import recordings_in
 from pipeline.sources.sources import Source, replayed_with_structure
+from pipeline.updating.acceptance import AcceptanceSettings
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused, SeenWindow, mode_observations
 from pipeline.updating.prior import PARAMETER_NAMES
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference, prior_stds
+from pipeline.updating.structural.joint_message import distrust
 from pipeline.updating.structural.periods.calibration import (
     CalibratedAlternative,
     DesignSprings,
@@ -123,7 +127,13 @@ def calibrate_turbine(
     ------
     InputError
         If a recording has no estimates, another turbine or other sensors, or an event in it; if
-        the structure is taken as exact; if too few windows can be used.
+        its last posterior is not trusted, with the scenario that it was made with; if the structure
+        is taken as exact; if too few windows can be used; if the modes, a figure or a sensor are
+        not as described.
+
+    Notes
+    -----
+    What the files state is read before anything is fitted: a fit takes minutes.
     """
     sources = [replayed_with_structure(file, scenario) for file in files]
     first = sources[0]
@@ -131,24 +141,25 @@ def calibrate_turbine(
     for source in sources[1:]:
         _require_alike(first, source)
     structure = replace(first.scenario.structure, calibration=None)
+    if first.scenario.updating.structure.exact:
+        raise InputError(
+            f"{files[0]}: its structure is taken as exact ([structure] uncertain), so no "
+            "figure is left to calibrate; give a --scenario without it"
+        )
+    water = 0.0 if structure.water is None else structure.water.level
+    windows, refused = _windows(sources, water, judged=scenario is None)
+    if len(windows) < FEWEST_TO_CALIBRATE:
+        raise InputError(
+            f"{files[0]}: {len(windows)} windows can be used, {refused} cannot; a calibration "
+            f"takes at least {FEWEST_TO_CALIBRATE}, better a week of tides"
+        )
     with one_blas_thread():
         inference = joint_inference(
             structure, first.layout, first.scenario.updating, seed=first.scenario.seed
         )
-        if inference is None:
-            raise InputError(
-                f"{files[0]}: its structure is taken as exact ([structure] uncertain), so no "
-                "figure is left to calibrate; give a --scenario without it"
-            )
+        assert inference is not None  # an exact structure was refused
         if design is not None:
             inference = inference.with_springs(design.belief)
-        water = 0.0 if structure.water is None else structure.water.level
-        windows, refused = _windows(sources, water)
-        if len(windows) < FEWEST_TO_CALIBRATE:
-            raise InputError(
-                f"{files[0]}: {len(windows)} windows can be used, {refused} cannot; a calibration "
-                f"takes at least {FEWEST_TO_CALIBRATE}, better a week of tides"
-            )
         return _calibrated(first, inference, windows, refused, files)
 
 
@@ -167,7 +178,7 @@ def _calibrated(
     whole, levels = evidence_by_level(windows, empty)
     generator = np.random.default_rng(source.scenario.seed)
     found = joint_refresh(inference, whole, (), generator, guards=settings.guards)
-    alternatives = calibrated(_as_described(found, files[0]).result, levels)
+    alternatives = calibrated(_as_described(found, files[0], settings.guards).result, levels)
     if not alternatives:
         raise InputError(f"{files[0]}: the windows of single water levels pair no mode")
     names = ", ".join(file.name for file in files)
@@ -189,8 +200,10 @@ def _calibrated(
     )
 
 
-def _as_described(found: JointRefresh | None, file: Path) -> JointRefresh:
-    """Raises InputError where the modes, or a sensor, are not as the description has them."""
+def _as_described(
+    found: JointRefresh | None, file: Path, guards: AcceptanceSettings
+) -> JointRefresh:
+    """Raises InputError where modes, figures or a sensor are not as the description has them."""
     if found is None or found.refusal is not None:
         reason = (
             "no mode has a partner"
@@ -208,16 +221,23 @@ def _as_described(found: JointRefresh | None, file: Path) -> JointRefresh:
             f"{file}: a sensor is not as its layout states ({found.fault.text}); correct the "
             "layout first"
         )
+    if doubts := distrust(found, guards):
+        raise _contradicted(file, doubts)
     return found
 
 
-def _windows(sources: Sequence[Source], water_level: float) -> tuple[list[SeenWindow], int]:
-    """Usable windows of all sources in the order of time, each once, and how many were refused."""
+def _windows(
+    sources: Sequence[Source], water_level: float, *, judged: bool
+) -> tuple[list[SeenWindow], int]:
+    """Usable windows of all sources in the order of time, each once, and how many were refused.
+
+    judged   whether the recorded posteriors are of the structure that is calibrated
+    """
     found: dict[tuple[UnitOrigin, ...] | int, SeenWindow] = {}
     refused = 0
     for source in sources:
         n_before = len(found) + refused
-        for estimate in _estimates(source):
+        for estimate in _estimates(source, judged=judged):
             identity = estimate.origins or estimate.start_ns  # older recordings have no origins
             if identity in found:
                 continue
@@ -234,12 +254,17 @@ def _windows(sources: Sequence[Source], water_level: float) -> tuple[list[SeenWi
     return sorted(found.values(), key=lambda window: window.start_ns), refused
 
 
-def _estimates(source: Source) -> list[ModalEstimate]:
-    """Return the first turbine's estimates. Raises InputError where an event was recorded."""
+def _estimates(source: Source, *, judged: bool) -> list[ModalEstimate]:
+    """Return the first turbine's estimates.
+
+    Raises InputError where an event was recorded, or, `judged`, where the last posterior is not
+    trusted.
+    """
     assert source.recording is not None
     turbine, found = source.layout.turbine, []
+    last: FoundationPosterior | None = None
     for file in recordings_in(source.recording):
-        for message in read_messages(file, (ModalEstimate, FoundationEvent)):
+        for message in read_messages(file, (ModalEstimate, FoundationEvent, FoundationPosterior)):
             if message.turbine != turbine:
                 continue
             if isinstance(message, FoundationEvent):
@@ -249,7 +274,21 @@ def _estimates(source: Source) -> list[ModalEstimate]:
                 )
             if isinstance(message, ModalEstimate):
                 found.append(message)
+            if isinstance(message, FoundationPosterior):
+                last = message
+    if judged and last is not None and not last.trusted:
+        raise _contradicted(source.recording, last.warnings[:1])
     return found
+
+
+def _contradicted(file: Path, doubts: Sequence[QualityWarning]) -> InputError:
+    """Return the error of data that contradict the description or the layout; the gravest first."""
+    reason = "; ".join(f"{doubt.code}: {doubt.text}" for doubt in doubts)
+    wrong = "layout" if any(doubt.code == "sensor" for doubt in doubts) else "description"
+    return InputError(
+        f"{file}: its posterior is not trusted ({reason}); correct the {wrong} first (`pilewatch "
+        "update` reports the misfit of every mode, --scenario takes what was corrected)"
+    )
 
 
 def _seen(estimate: ModalEstimate, source: Source, water_level: float) -> SeenWindow | None:

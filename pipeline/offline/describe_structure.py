@@ -89,7 +89,7 @@ class StructureFigures:
             ("mass on the top, without blades", f"{self.top_mass / 1e3:,.0f} t"),
             ("mass of the blades", f"{self.blade_mass / 1e3:,.0f} t"),
             ("rotor radius", f"{length:g} m"),
-            ("k11, k22, k12", f"{k11:.4g} N/m, {k22:.4g} Nm/rad, {k12:.4g} N/rad"),
+            ("k11, k22, k12", f"{k11:.4g} N/m, {k22:.4g} N·m/rad, {k12:.4g} N/rad"),
             ("sign of k12", described.foundation.sign),
         ]
 

@@ -154,6 +154,8 @@ def identify_file(
         )
     duration = len(table.samples) / rate
     if window is not None and not 0 < window <= duration * (1 + 1e-9):
+        if not window > 0:
+            raise InputError(f"--window is {window:g} s; it must be positive")
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
     length = len(table.samples) if window is None else round(window * rate)
     return identify_table(table, rate, length, settings=settings, unused=unused)

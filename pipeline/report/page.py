@@ -5,6 +5,7 @@ and from what (for the engineer), last with which settings (to run it again).
 """
 
 import html
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -46,13 +47,27 @@ from pipeline.report.tables import (
     warnings_table,
 )
 from pipeline.report.wording import between_instants, percent, span
-from pipeline.state.phrases import count_noun
+from pipeline.state.phrases import FIGURES_NOTE, count_noun
 from pipeline.state.posterior_json import plus_minus
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
 CONDITION_MARKS = {"good": "✓", "doubt": "!", "bad": "✕", "unknown": "?"}  # as the colour says
+
+SETTING_NAMES = {  # as recordings store them
+    "pilewatch.version": "version of pilewatch",
+    "pilewatch.source": "source",
+    "scenario.name": "name of the scenario",
+    "scenario.structure": "structure",
+    "scenario.seed": "seed of the simulation",
+    "scenario.duration": "duration of the simulation [s]",
+    "truth.k11": "true k11 [N/m]",
+    "truth.k22": "true k22 [N·m/rad]",
+    "truth.k12": "true k12 [N/rad]",
+    "run.epoch": "starts of the session in this folder",
+}
+TRUE_SPRINGS = ("truth.k11", "truth.k22", "truth.k12")
 
 KeyFigure = tuple[str, str]  # name, figure
 
@@ -201,6 +216,7 @@ def _foundation(record: TurbineRecord, prior: PriorSettings | None, name: str, l
         + paragraph(fit, "quiet")
         + paragraph(structure_sentence(posterior))
         + (table_html(figures_table(record)) if posterior.figures else "")
+        + (paragraph(f"{FIGURES_NOTE}.", "quiet") if posterior.figures else "")
         + _pair(pictures, f"{name}-foundation")
     )
 
@@ -379,21 +395,30 @@ def _settings(session: RecordedSession) -> str:
     unused = _unused_settings(session)
     for section, texts in session.metadata.items():
         for key, text in texts.items():
-            if f"{section}.{key}" in unused:
+            name = f"{section}.{key}"
+            if name in unused:
                 continue
-            if "\n" in text:
-                long.append(heading(f"{section}.{key}", 3) + preformatted(text))
+            if name == "scenario.files":
+                for file, content in json.loads(text).items():
+                    long.append(heading(file, 3) + preformatted(content))
+            elif "\n" in text:
+                long.append(heading(SETTING_NAMES.get(name, name), 3) + preformatted(text))
             else:
-                short.append((f"{section}.{key}", text))
+                short.append((SETTING_NAMES.get(name, name), _in_digits(name, text)))
     if not short and not long:
         return ""
     table = TextTable("", ("setting", "value"), tuple(short), words=(1,))
     return heading("Settings") + (table_html(table) if short else "") + "".join(long)
 
 
+def _in_digits(name: str, text: str) -> str:
+    """Return a spring's truth in the digits of the tables; what else there is as it is stored."""
+    return f"{float(text):.4g}" if name in TRUE_SPRINGS else text
+
+
 def _unused_settings(session: RecordedSession) -> set[str]:
     """Return the stored settings that say nothing of this session."""
-    unused = set()
+    unused = {"truth.time_ns"}  # the start, which the title has
     if not any(record.has_structure for record in session.turbines):
         unused.add("scenario.structure")
     if not any(record.state.truths for record in session.turbines):  # measured, not simulated

@@ -16,14 +16,13 @@ from pipeline.messages import (
 )
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.wording import between_instants, join_with_and, percent, period, span
-from pipeline.state.phrases import count_noun
-from pipeline.state.posterior_json import ratios
+from pipeline.state.phrases import WHAT_TO_DO, count_noun, figures_named
+from pipeline.state.posterior_json import ROUGH, ratios, widest_half_width
 from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.acquisition.blocks import NANOSECONDS
 
 NAME_WITH_NUMBER = re.compile(r"[a-z]+\d")  # k22, m3, z145-fa
-ROUGH = 0.25  # half width from which a spring is known only roughly [-]
 SPRING_TEXTS = {
     "k11": "the foundation's lateral stiffness",
     "k22": "its rotational stiffness",
@@ -51,11 +50,7 @@ def headline(record: TurbineRecord) -> str:
 
 def _how_well(posterior: FoundationPosterior) -> str:
     """Return "is known", or to what where that is little."""
-    half_widths = [
-        (high - low) / 2 / median
-        for median, low, high in (ratios(posterior.parameter(name)) for name in PARAMETER_NAMES)
-    ]
-    widest = max(half_widths)
+    widest = widest_half_width(posterior)
     return "is known" if widest < ROUGH else f"is known only to ±{percent(widest)}"
 
 
@@ -80,7 +75,8 @@ def reasons_for_distrust(posterior: FoundationPosterior | None) -> list[str]:
     """Return why the posterior must not be used; empty where it may be."""
     if posterior is None or posterior.trusted:
         return []
-    return [sentence(warning.text) for warning in posterior.warnings]
+    reasons = [sentence(figures_named(warning.text)) for warning in posterior.warnings]
+    return [*reasons, sentence(WHAT_TO_DO)]
 
 
 def change_sentences(record: TurbineRecord) -> list[str]:

@@ -9,7 +9,7 @@ from pipeline.report.pictures.samples import FLAT_SHARE, ChannelStatistics
 from pipeline.report.recorded_session import TurbineRecord
 from pipeline.report.sentences import headline
 from pipeline.report.wording import percent, span, stamp
-from pipeline.state.phrases import figure_name
+from pipeline.state.phrases import figure_name, figures_named
 from pipeline.state.posterior_json import plus_minus, ratios
 from pipeline.state.run_modes import CombinedMode
 from pipeline.updating.prior import PARAMETER_NAMES
@@ -215,7 +215,7 @@ def gaps_table(record: TurbineRecord) -> TextTable:
 def warnings_table(record: TurbineRecord) -> TextTable:
     """Return every warning of a window, the posterior or a node, once."""
     warnings = record.state.warnings
-    rows = tuple((warning.code, warning.text) for warning in warnings[:MOST_ROWS])
+    rows = tuple((warning.code, figures_named(warning.text)) for warning in warnings[:MOST_ROWS])
     left = len(warnings) - len(rows)
     title = "Warnings" + (f" (the first {MOST_ROWS} of {len(warnings)})" if left else "")
     return TextTable(title, ("code", "text"), rows, words=(1,))

@@ -15,6 +15,7 @@ from pathlib import Path
 from pipeline.recording.file_order import logical_starts, stretch_of
 from pipeline.recording.info import UnitInfo, recording_info
 from pipeline.recording.reader import read_messages
+from pipeline.recording.writer import ACTIVE_SUFFIX
 from sensors.acquisition.blocks import NANOSECONDS, RESTART_SILENCE, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import LATEST_BLOCKS, ReplayedTower
@@ -39,7 +40,11 @@ class Playback:
     rounds: int = 1
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.start < self.end:
+        if self.start < 0.0:
+            raise InputError(
+                f"--from {self.start:g} is before the first sample, from which it counts [s]"
+            )
+        if not self.start < self.end:
             raise InputError(
                 f"--from {self.start:g} --to {self.end:g} is no range; both count in seconds from "
                 "the first sample, --from below --to"
@@ -152,12 +157,23 @@ def recordings_in(path: Path) -> list[Path]:
         raise SourceError(f"cannot read the recording {path}: {error.strerror}") from error
     found = [(file, unit) for file in sorted(path.glob("*.mcap")) for unit in _units(file)]
     if not found:
-        raise SourceError(f"the folder {path} holds no recording with acceleration blocks")
+        raise SourceError(_without_recording(path))
     starts = logical_starts([stretch_of(file, unit) for file, unit in found])
     first: dict[Path, int] = {}
     for (file, _), start in zip(found, starts, strict=True):
         first[file] = min(start, first.get(file, start))
     return sorted(first, key=lambda file: (first[file], file.stat().st_mtime_ns, file.name))
+
+
+def _without_recording(folder: Path) -> str:
+    """Return the error of a folder without a closed recording; of one left open, the way on."""
+    unfinished = sorted(folder.glob(f"*{ACTIVE_SUFFIX}"))
+    if not unfinished:
+        return f"the folder {folder} holds no recording with acceleration blocks"
+    return (
+        f"the folder {folder} holds only {unfinished[-1].name}: its run goes on, or was killed; "
+        f"`pilewatch salvage {unfinished[-1]}` makes a recording of what is in it"
+    )
 
 
 def _units(file: Path) -> tuple[UnitInfo, ...]:

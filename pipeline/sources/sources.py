@@ -310,9 +310,9 @@ def replayed_with_structure(path: Path, scenario: str | None = None) -> Source:
     source = replayed(path, scenario)
     if not source.scenario.has_structure:
         raise SourceError(
-            f"{path}: scenario {source.scenario.name} has no structural model, so there is no "
-            "stiffness to update; --scenario NAME or FILE gives one, `pilewatch report` has the "
-            "modes"
+            f"{path}: its scenario ({source.scenario.name}) has no structural model, so there is "
+            "no stiffness to update; --scenario NAME or FILE gives one, `pilewatch report` has "
+            "the modes"
         )
     return source
 

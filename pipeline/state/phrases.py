@@ -1,6 +1,20 @@
 """Figures of a run in words. Commands use it before numpy is imported: nothing heavy here."""
 
+import re
 from collections import Counter
+
+FIGURE_KEY = re.compile(r"\b[a-z]+(?:_[a-z]+)+(?= lies\b)")
+"""A figure's key as a warning names it."""
+
+
+WHAT_TO_DO = (
+    "what to do about each warning: docs/pages/your-turbine.md, When the posterior is not trusted"
+)
+FIGURES_NOTE = (
+    "unit -: factor to the description, of a gain its departure; m and deg: departure from the "
+    "description; kg: mass added at the transition; RNA: rotor and nacelle"
+)
+"""How the figures of a structure and its sensors are to be read."""
 
 
 def count_noun(number: int, noun: str) -> str:
@@ -26,3 +40,8 @@ def block_numbers(first: int, end: int) -> str:
 def figure_name(name: str) -> str:
     """Return a figure's key in words: "RNA mass", "gain z80-fa"."""
     return name.replace("_", " ").replace("rna ", "RNA ")
+
+
+def figures_named(text: str) -> str:
+    """Return a sentence with the keys of figures in words: "RNA mass lies …"."""
+    return FIGURE_KEY.sub(lambda found: figure_name(found[0]), text)

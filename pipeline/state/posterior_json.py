@@ -5,6 +5,7 @@ from sensors.json_values import Json, fields_of, known, with_nulls
 
 STIFFNESSES = ("k11", "k22", "k12")
 SKEW_SHOWS = 0.2  # half width from which a posterior's skewness shows [-]
+ROUGH = 0.25  # half width from which a spring is known only roughly [-]
 MEDIAN_AND_INTERVAL = ("median", "p05", "p95")
 
 
@@ -87,3 +88,9 @@ def plus_minus(spring: ParameterSummary) -> str:
     median, low, high = ratios(spring)
     half = (high - low) / 2
     return f"{median:.3f} ± {half:.3f}" if half < SKEW_SHOWS else f"{low:.2f} to {high:.2f}"
+
+
+def widest_half_width(posterior: FoundationPosterior) -> float:
+    """Return half the widest 90 % interval of a spring, over its median [-]."""
+    springs = (ratios(posterior.parameter(name)) for name in STIFFNESSES)
+    return max((high - low) / 2 / median for median, low, high in springs)

@@ -45,7 +45,8 @@ def session_blueprint(
     span_ns : tuple of int, optional
         Start and end of a session that is over [ns since 1970]; while it runs, plots grow with it.
     """
-    each = [turbine_tabs(each) for each in parameters]
+    listing = next((each.turbine for each in parameters if each.lists_nodes), None)
+    each = [turbine_tabs(each, nodes_of=listing) for each in parameters]
     top = each[0] if len(each) == 1 else rrb.Tabs(farm_tab(parameters), *each, active_tab=0)
     if span_ns is not None and span_ns[0] < span_ns[1]:
         with_margins(top, span_ns)
@@ -64,8 +65,15 @@ def session_blueprint(
     )
 
 
-def turbine_tabs(parameters: ViewParameters) -> rrb.Tabs:
-    """Return Overview, Signals, Modes, Foundation and Health of one turbine."""
+def turbine_tabs(parameters: ViewParameters, *, nodes_of: str | None = None) -> rrb.Tabs:
+    """Return Overview, Signals, Modes, Foundation and Health of one turbine.
+
+    Parameters
+    ----------
+    nodes_of : str, optional
+        Turbine under whose name the session's nodes report, for one that lists none.
+    """
+    own = parameters.lists_nodes or nodes_of is None
     root = turbine_path(parameters.turbine)
     foundation = [_foundation(root, parameters)] if parameters.has_structure else []
     return rrb.Tabs(
@@ -73,7 +81,7 @@ def turbine_tabs(parameters: ViewParameters) -> rrb.Tabs:
         _signals(root, parameters),
         _modes(root, parameters),
         *foundation,
-        _health(root),
+        _health(root, nodes=root if own else turbine_path(str(nodes_of))),
         active_tab=0,
         name=parameters.turbine,
     )
@@ -165,7 +173,7 @@ def _joint(root: str, parameters: ViewParameters) -> rrb.Spatial2DView:
 def _pile(root: str, parameters: ViewParameters) -> rrb.Spatial2DView:
     return plane(
         f"{root}/foundation/pile",
-        f"Mudline under 1 MN: nominal orange, posterior purple{parameters.truth}",
+        f"Under 1 MN: nominal orange, posterior purple{parameters.truth}",
         [-1.35, 1.35],
         [-2.25, 1.25],
     )
@@ -198,11 +206,12 @@ def _sizes(root: str, parameters: ViewParameters) -> list[rrb.TimeSeriesView]:
     return [time_series(f"{root}/change/size", text)] * parameters.sized  # a legend would hide it
 
 
-def _health(root: str) -> rrb.Horizontal:
+def _health(root: str, *, nodes: str) -> rrb.Horizontal:
+    shared = "" if nodes == root else ", nodes of the session"
     return rrb.Horizontal(
         rrb.Vertical(
-            _node_plot(f"{root}/health/lost", "Blocks lost or late [-]"),
-            _node_plot(f"{root}/health/behind", "Delay behind the newest block [s]"),
+            _node_plot(f"{nodes}/health/lost", f"Blocks lost or late [-]{shared}"),
+            _node_plot(f"{nodes}/health/behind", f"Delay behind the newest block [s]{shared}"),
         ),
         rrb.TextDocumentView(origin=f"{root}/health/text", name="Windows, gaps, nodes"),
         name="Health",

@@ -1,5 +1,7 @@
 """Draw the modes of one turbine, identified and modelled: tracks, moving shapes, MAC."""
 
+from collections.abc import Container, Sequence
+
 import numpy as np
 import rerun as rr
 
@@ -33,7 +35,10 @@ class ModeView:
     Parameters
     ----------
     labels : tuple[str, ...]
-        Model modes that have a track and a shape; () until the first posterior says them.
+        Model modes that have a track and a shape.
+    follows : bool
+        Whether further model modes get a track and a shape as soon as a mode is paired with them,
+        up to MAX_MODES: of a description that names none itself.
     """
 
     def __init__(
@@ -43,8 +48,10 @@ class ModeView:
         outline: Outline,
         *,
         labels: tuple[str, ...],
+        follows: bool,
         rates: UpdateRates,
     ) -> None:
+        self._follows = follows
         self._recording = recording
         self._root = root
         self._outline = outline
@@ -69,18 +76,17 @@ class ModeView:
         layout: SensorLayout | None,
     ) -> None:
         """Tracks, shapes and MAC of a posterior and its own window, where that is known."""
-        if not self._labels:
-            self._labels = tuple(pair.model for pair in posterior.pairs[:MAX_MODES])
-            self._log_places()
+        paired = _paired(posterior, estimate)
+        if self._follows:
+            self._follow(posterior.model_labels, paired)
         if estimate is not None and layout is not None:
             matrix = mac_matrix(estimate, posterior, layout)
             if matrix is not None:
                 plane_views.log_mac_matrix(self._recording, self._root, matrix)
-        paired = _paired(posterior, estimate)
         for row, label in enumerate(posterior.model_labels):
             if label in self._labels:
                 pair, mode = paired.get(label, (None, None))
-                self._draw_track(label, float(posterior.model_frequencies[row]), mode)
+                self._draw_track(label, _model_frequency(posterior, row, pair), mode)
                 if layout is not None:
                     shape = posterior.model_shapes[row]
                     model = deflection(layout, layout.channel_names, shape)
@@ -101,6 +107,18 @@ class ModeView:
                     self._draw_measured_shape(mode, estimate, layout)
         if self._full_swing_ns is None:
             self._full_swing_ns = estimate.end_ns
+
+    def _follow(self, model_labels: Sequence[str], paired: Container[str]) -> None:
+        """Give the model modes that have a partner now a place, in the model's order.
+
+        One whose partner is not found any more keeps its place; without a free place nothing
+        changes: a place that changed hands would show two modes as one over time.
+        """
+        new = [name for name in model_labels if name in paired and name not in self._labels]
+        if new := new[: MAX_MODES - len(self._labels)]:
+            shown = {*self._labels, *new}
+            self._labels = tuple(name for name in model_labels if name in shown)
+            self._log_places()
 
     def _add_labels(self, names: list[str]) -> None:
         new = [name for name in names if name not in self._labels]
@@ -174,6 +192,18 @@ class ModeView:
         lines += [in_hertz(pair.frequency), f"{pair.mac:.2f}"] if pair else ["–"]
         foot = self._outline.mudline - CAPTION_DEPTH
         tower_views.log_shape_caption(self._recording, self._root, label, lines, foot=foot)
+
+
+def _model_frequency(posterior: FoundationPosterior, row: int, pair: ModePair | None) -> float:
+    """Return a model mode's frequency [Hz], as the tables have it.
+
+    That of the pair is of the structure with its inferred figures; the posterior's own list is of
+    the structure as described, which is another one where figures are inferred: NaN, a gap.
+    """
+    if pair is not None:
+        return pair.model_frequency
+    as_described = float(posterior.model_frequencies[row])
+    return as_described if posterior.structure != "uncertain" else float("nan")
 
 
 def _paired(

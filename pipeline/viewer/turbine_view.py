@@ -102,14 +102,18 @@ class TurbineView:
         self._has_structure = has_structure
         self._outline = outline(description)
         self._rates = rates
-        if labels is None:
-            labels = tuple(mode.name for mode in description.reference_modes)
+        described = tuple(mode.name for mode in description.reference_modes)
         root = self._root
         self._layouts = KnownLayouts()
         self._signals = SignalView(recording, root, self._layouts, rates=rates)
         tower_views.log_tower(recording, root, self._outline)
         foundation_views.log_foundation_styles(recording, root)
-        self._modes = ModeView(recording, root, self._outline, labels=labels, rates=rates)
+        self._modes = ModeView(
+            *(recording, root, self._outline),
+            labels=described if labels is None else labels,
+            follows=has_structure and not described,
+            rates=rates,
+        )
         self._nodes = NodeView(recording, root, period=rates.nodes)
         self._status = SessionStatus(turbine, title=description.title, has_structure=has_structure)
         self._estimates = BoundedDict[int, ModalEstimate](MOST_AHEAD)
@@ -144,6 +148,7 @@ class TurbineView:
             self._sized,
             self._has_structure,
             self._truth is not None,
+            self._status.lists_nodes,
         )
 
     def copy_to(self, recording: rr.RecordingStream) -> "TurbineView":
@@ -167,7 +172,7 @@ class TurbineView:
         """Draw the sensors on the tower and name the signals."""
         self._layouts.add(layout)
         track_views.log_signal_style(self._recording, self._root, layout)
-        tower_views.log_sensors(self._recording, self._root, layout, scale=self._outline.scale)
+        tower_views.log_sensors(self._recording, self._root, layout, self._outline)
 
     def draw_block(self, block: AccelerationBlock) -> None:
         """Draw accelerations at display rate, gathered into chunks."""

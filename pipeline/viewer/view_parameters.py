@@ -37,6 +37,9 @@ class ViewParameters:
     has_truth: bool = False
     """Whether the true stiffness is known, as of a simulated turbine."""
 
+    lists_nodes: bool = True
+    """Whether nodes report under its name; those of a session report under one turbine's."""
+
     @property
     def truth(self) -> str:
         """Words of a title about the colour of the truth; "" where there is none."""

@@ -67,6 +67,7 @@ def refused_table(candidates: "Sequence[RefusedCandidate]") -> Table:
             refused.code,
             refused.text,
         )
+    table.caption = "window: counted from the start of the record, the first is 1"
     return table
 
 

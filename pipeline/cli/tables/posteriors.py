@@ -21,7 +21,7 @@ from rich.markup import escape
 from pipeline.cli.tables.cells import format_value
 from pipeline.farm.farm import Farm
 from pipeline.messages import FoundationPosterior
-from pipeline.state.phrases import count_noun, figure_name
+from pipeline.state.phrases import FIGURES_NOTE, count_noun, figure_name
 from pipeline.state.posterior_json import ratios
 from sensors.json_values import Json
 
@@ -65,7 +65,7 @@ def figures_tables(posterior: Json) -> list[Table]:
     """
     if not posterior["figures"]:
         return []
-    headings = ("", "median", "90 % interval", "unit", "from the data")
+    headings = ("", "median", "90 % interval", "unit", "from the data [%]")
     table = table_of("Figures of the structure and its sensors", figures=headings, no_wrap=True)
     for name, each in posterior["figures"].items():
         median, low, high = (format_value(each[key], ".3g") for key in ("median", "p05", "p95"))
@@ -75,9 +75,11 @@ def figures_tables(posterior: Json) -> list[Table]:
             median,
             f"{low} to {high}",
             escape(each["unit"]),
-            format_value(None if narrowed is None else max(narrowed, 0.0), ".0%"),
+            format_value(None if narrowed is None else 100 * max(narrowed, 0.0), ".0f"),
         )
-    table.caption = "from the data: how much they narrowed what was assumed beforehand"
+    table.caption = (
+        f"{FIGURES_NOTE}; from the data: how much they narrowed what was assumed beforehand"
+    )
     return [table]
 
 
@@ -145,7 +147,7 @@ def misfit_table(posterior: FoundationPosterior) -> Table:
     table.caption = (
         f"misfit: in standard deviations of the posterior's prediction; –: shape not used; "
         "information: share of the information on the stiffness; "
-        f"{posterior.paired_share:.0%} of the identified modes paired, "
+        f"{100 * posterior.paired_share:.0f} % of the identified modes paired, "
         f"reduced χ² {posterior.reduced_chi_square:.2f}"
     )
     return table
@@ -166,12 +168,12 @@ def calibration_table(found: "TurbineCalibration") -> Table:
     rows = zip(best.names, found.calibration.stds, medians, halves, left, strict=True)
     for name, std, median, half, deviation in rows:
         table.add_row(
-            name,
+            figure_name(name),
             _unit(name),
             f"{std:.3g}",
             f"{std * median:+.2g}",
             f"{std * half:.2g}",
-            f"{deviation:.0%}",
+            f"{100 * deviation:.0f} %",
         )
     logs, stds = best.log_springs
     springs = ", ".join(
@@ -179,7 +181,8 @@ def calibration_table(found: "TurbineCalibration") -> Table:
         for name, log, std in zip(PARAMETER_NAMES, logs, stds, strict=True)
     )
     table.caption = (
-        f"median: departure from the description; ÷ prior: what is left of the uncertainty; "
+        "median: departure from the description, relative where the unit is -; ÷ prior: what is "
+        "left of the uncertainty; RNA: rotor and nacelle; "
         f"{found.calibration.source}; springs ÷ nominal in "
         f"that time, 90 %: {springs}"
     )
@@ -192,9 +195,13 @@ def unknown_lines(found: "TurbineCalibration") -> list[str]:
 
 
 def _sentence(found: "UnseparatedFigures") -> str:
-    words = [f"{'more' if part > 0 else 'less'} {name}" for name, part in found.parts.items()]
+    words = [
+        f"{'more' if part > 0 else 'less'} {figure_name(name)}"
+        for name, part in found.parts.items()
+    ]
     moved = ", ".join(
-        f"{name} by {move:+.1%}" for name, move in zip(PARAMETER_NAMES, found.moved, strict=True)
+        f"{name} by {100 * move:+.1f} %"
+        for name, move in zip(PARAMETER_NAMES, found.moved, strict=True)
     )
     return f"Not separated from the springs: {' with '.join(words)} moves {moved}."
 

@@ -1,8 +1,10 @@
 """Tables of the status of a running session."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
@@ -18,10 +20,12 @@ def status_tables(status: Mapping[str, Any]) -> list[Table]:
     headings = ("silent [s]", "behind [blocks]", *counts)
     nodes = table_of(f"nodes of {status['source']}", "node", "condition", figures=headings)
     nodes.columns[0].no_wrap = True  # shares of a node differ in the last letters
+    named = Counter(each["node"] for each in status["nodes"])
     for each in status["nodes"]:
+        node = each["node"] if named[each["node"]] == 1 else f"{each['node']} of {each['turbine']}"
         behind = "" if each["behind_blocks"] is None else str(each["behind_blocks"])
         cells = (str(each[name]) for name in counts)
-        nodes.add_row(each["node"], each["condition"], f"{each['silence_s']:.1f}", behind, *cells)
+        nodes.add_row(escape(node), each["condition"], f"{each['silence_s']:.1f}", behind, *cells)
     headings = ("silent [s]", "messages", "rate [1/s]")
     streams = table_of("streams", "key", "condition", figures=headings)
     streams.columns[0].overflow = "fold"

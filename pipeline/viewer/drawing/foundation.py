@@ -82,18 +82,26 @@ def log_posterior_widths(
             recording.log(width_path(root, parameter.name), rr.Scalars(left))
 
 
+FIRST_DRAW_ORDER = 20.0  # of a picture's lines that lie above each other; Rerun's default of lines
+
+
 def log_pile(recording: rr.RecordingStream, root: str, picture: PilePicture) -> None:
     """Draw the loaded tower on its springs: nominal, posterior, truth."""
     path = f"{root}/foundation/pile"
-    for name, lines, colour, radius in (
-        ("fixed", picture.fixed, colours.NEUTRAL, 0.7),
-        ("springs", picture.springs, colours.POSTERIOR, 1.0),
-        ("nominal", (picture.nominal,), colours.MODEL, 1.2),
-        ("posterior", picture.posterior, colours.POSTERIOR, 1.0),
-        ("truth", picture.truth, colours.TRUTH, 1.0),
+    for order, (name, lines, colour, radius) in enumerate(
+        (
+            ("fixed", picture.fixed, colours.NEUTRAL, 0.7),
+            ("springs", picture.springs, colours.POSTERIOR, 1.0),
+            ("nominal", (picture.nominal,), colours.MODEL, 1.2),
+            ("posterior", picture.posterior, colours.POSTERIOR, 1.0),
+            ("truth", picture.truth, colours.TRUTH, 1.0),  # above the posterior that hides it
+        )
     ):
         width = rr.Radius.ui_points(radius)
-        recording.log(f"{path}/{name}", rr.LineStrips2D(strips(lines), radii=width, colors=colour))
+        drawn = rr.LineStrips2D(
+            strips(lines), radii=width, colors=colour, draw_order=FIRST_DRAW_ORDER + order
+        )
+        recording.log(f"{path}/{name}", drawn)
     recording.log(f"{path}/text", text_labels(picture.texts))
 
 

@@ -16,10 +16,16 @@ from pipeline.viewer.pictures.scene import (
     disc,
 )
 from sensors.acquisition.layout import SensorLayout
+from sensors.arrays import FloatArray
 
 AMPLITUDE = 20.0  # swing of a shape's largest component in the picture [m]
 BESIDE = 75.0  # of the names of elevations from the axis: beside sea and mudline [m]
+SENSOR_LABELS = (34.0, 50.0, 70.0, 90.0)  # distances of the heights' labels from the axis [m]
+CLEARANCE = 12.0  # of a label's middle from a blade [m]
 SPACING = 52.0  # between two shapes [m]: room for their labels
+NAME_HEIGHT = (
+    32.0  # of a mode's name above the tower's top: clear of its swing, seen from above [m]
+)
 ROW_DIRECTION = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0)  # seen from (1, 1): FA and SS both show
 
 
@@ -90,10 +96,12 @@ def sensor_levels(layout: SensorLayout) -> list[float]:
 
 
 def log_sensors(
-    recording: rr.RecordingStream, root: str, layout: SensorLayout, *, scale: float = 1.0
+    recording: rr.RecordingStream, root: str, layout: SensorLayout, turbine: Outline
 ) -> None:
-    """Draw the accelerometers of one unit, one dot per level; static. `scale` as of the tower."""
-    levels = sensor_levels(layout)
+    """Draw the accelerometers of one unit, one dot per level; static."""
+    levels, scale = sensor_levels(layout), turbine.scale
+    heights = [scale * level + 6.0 for level in levels]
+    aside = label_distance(heights, turbine.blades)
     recording.log(
         sensor_path(root, layout.unit),
         rr.Points3D.from_fields(
@@ -104,7 +112,7 @@ def log_sensors(
     recording.log(
         f"{sensor_path(root, layout.unit)}/labels",
         rr.Points3D(
-            [(0.0, -34.0, scale * level + 6.0) for level in levels],
+            [(0.0, -aside, height) for height in heights],
             radii=0.1,
             colors=colours.NEUTRAL,  # blue is hardly read on a light label
             labels=[f"{level:g} m" for level in levels],
@@ -112,6 +120,26 @@ def log_sensors(
         ),
         static=True,
     )
+
+
+def label_distance(heights: Sequence[float], blades: Sequence[FloatArray]) -> float:
+    """Return the first of SENSOR_LABELS at which no label stands before a blade [m]."""
+
+    def is_clear(aside: float) -> bool:
+        places = np.column_stack([np.full(len(heights), -aside), heights])
+        return all(_distance(places, blade).min() > CLEARANCE for blade in blades)
+
+    return next((each for each in SENSOR_LABELS if is_clear(each)), SENSOR_LABELS[0])
+
+
+def _distance(places: FloatArray, line: FloatArray) -> FloatArray:
+    """Return the distance of places (y, z) from a line of points (x, y, z), seen along x [m]."""
+    corners = np.asarray(line)[:, 1:]
+    starts, along = corners[:-1], np.diff(corners, axis=0)
+    from_start = places[:, None] - starts
+    share = (from_start * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12)
+    nearest = starts + np.clip(share, 0.0, 1.0)[:, :, None] * along
+    return np.linalg.norm(places[:, None] - nearest, axis=2).min(axis=1)
 
 
 def log_sensor_health(
@@ -140,7 +168,7 @@ def log_shape_place(
     offset = ROW_DIRECTION * SPACING * slot
     axis = [(0.0, 0.0, turbine.mudline), (0.0, 0.0, turbine.tower_top)]
     recording.log(path, rr.Transform3D(translation=offset), static=True)
-    recording.log(f"{path}/name", _caption([turbine.tower_top + 24.0], [label]), static=True)
+    recording.log(f"{path}/name", _caption([turbine.tower_top + NAME_HEIGHT], [label]), static=True)
     recording.log(
         f"{path}/rest", rr.LineStrips3D([axis], radii=0.4, colors=colours.NEUTRAL), static=True
     )

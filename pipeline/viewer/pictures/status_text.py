@@ -15,7 +15,13 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.state.phrases import codes_in_words, count_noun
-from pipeline.state.posterior_json import STIFFNESSES, plus_minus, ratios
+from pipeline.state.posterior_json import (
+    ROUGH,
+    STIFFNESSES,
+    plus_minus,
+    ratios,
+    widest_half_width,
+)
 from pipeline.state.turbine_state import TurbineState
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -82,6 +88,11 @@ class SessionStatus:
         )
         return "\n\n".join(paragraph for part in parts for paragraph in part)
 
+    @property
+    def lists_nodes(self) -> bool:
+        """Whether nodes report under the turbine's name."""
+        return bool(self.state.statuses)
+
     def health_markdown(self) -> str:
         """Return the state of the measurements: windows, gaps, nodes."""
         return "\n\n".join([*self._windows(), *self._node_table()])
@@ -117,7 +128,7 @@ class SessionStatus:
             return StatusIndicator(
                 "warning", CHANGE_TEXTS.get(self._event.kind, CHANGE_TEXTS["undecided"])
             )
-        return StatusIndicator("good", "foundation: known")
+        return StatusIndicator("good", f"foundation: {_known(self.state.posterior)}")
 
     def _summary(self) -> str:
         posterior = self.state.posterior
@@ -132,8 +143,8 @@ class SessionStatus:
             return "NOT TRUSTED: the data contradict the model; do not use these stiffnesses."
         median, low, high = ratios(posterior.parameter("k22"))
         return (
-            f"Foundation known: rotational stiffness k22 is {median:.3f} × nominal, 90 % interval "
-            f"{low:.3f} to {high:.3f}."
+            f"Foundation {_known(posterior)}: rotational stiffness k22 is {median:.3f} × nominal, "
+            f"90 % interval {low:.3f} to {high:.3f}."
         )
 
     def _foundation(self) -> list[str]:
@@ -236,3 +247,8 @@ def frequencies_text(frequencies: Sequence[float]) -> str:
     if not frequencies:
         return "no modes"
     return f"{len(frequencies)} modes, {min(frequencies):.3f} to {max(frequencies):.2f} Hz"
+
+
+def _known(posterior: FoundationPosterior) -> str:
+    """Return "known", or "known roughly" where an interval is wide."""
+    return "known roughly" if widest_half_width(posterior) >= ROUGH else "known"

@@ -136,3 +136,20 @@ def test_nobody_there_is_one_line(tmp_path: Path) -> None:
         asked(free_endpoint(), f"{STATUS_KEY}/*")
     with pytest.raises(InputError, match="no session runs in"):
         endpoint_of(tmp_path)
+
+
+def test_nodes_of_one_name_are_told_apart_by_their_turbines() -> None:
+    node = {
+        "condition": "alive", "silence_s": 0.5, "behind_blocks": None, "received": 1, "lost": 0,
+        **dict.fromkeys(("recovered", "late", "duplicate", "malformed"), 0), "warnings": [],
+    }  # fmt: skip
+    nodes = [
+        {"node": name, "turbine": turbine, **node}
+        for name, turbine in (("recorder", "t1"), ("feed-tower", "t1"), ("feed-tower", "t2"))
+    ]
+    status = {
+        "source": "live", "nodes": nodes, "streams": [], "posteriors": [], "connections": {},
+        "books": {"alarms": []}, "gaps": [],
+    }  # fmt: skip
+    table = status_tables(status)[0]
+    assert list(table.columns[0].cells) == ["recorder", "feed-tower of t1", "feed-tower of t2"]

@@ -40,6 +40,16 @@ def rewritten(folder: Path, copy: Path, keep: Callable[[Message], bool]) -> Path
     return copy
 
 
+def test_a_file_that_a_killed_run_left_open_is_counted(folder: Path, tmp_path: Path) -> None:
+    killed = tmp_path / "killed"
+    shutil.copytree(folder, killed)
+    (killed / "session.mcap").rename(killed / "session.mcap.active")
+    found = audit(killed)
+    assert found.as_json()["files_not_closed"] == 1
+    assert "1 file (1 not closed: its run goes on or was killed)" in found.line
+    assert "not closed" not in audit(folder).line
+
+
 def test_the_books_of_a_run_balance(folder: Path) -> None:
     found = audit(folder)
     assert not found.violations

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.messages import FoundationEvent, Message
+from pipeline.messages import FoundationEvent, Message, QualityWarning
 from pipeline.offline.calibrate_turbine import calibrate_turbine, with_section
 from pipeline.recording.writer import whole_recording
 from pipeline.scenario import scenario_from_text, scenario_metadata
@@ -16,6 +16,7 @@ from sensors.errors import InputError
 from sensors.structure.calibration import AlternativeFigures, Calibration
 from sensors.structure.description import parse_turbine, shipped_text
 from tests.benchmarks.first_weeks import LAYOUT, drawn
+from tests.pipeline.report.example_session import posterior
 
 SECTION = Calibration(
     "published", ("steel_modulus", "rna_mass"), (0.01, 0.02),
@@ -94,3 +95,59 @@ def test_what_cannot_be_calibrated_is_refused_in_one_line(estimates, tmp_path: P
         with pytest.raises(InputError, match=words) as error:
             calibrate_turbine([path])
         assert "\n" not in str(error.value)
+
+
+def test_what_the_files_state_is_refused_before_anything_is_fitted(
+    estimates, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turbine = LAYOUT.turbine
+    heavy = QualityWarning("figure-outside-prior", "rna_mass lies 10.1 standard deviations below")
+    displaced = QualityWarning("sensor", "z80 sits higher")
+    untrusted = [
+        posterior(3, turbine=turbine, trusted=False, warnings=(doubt,))
+        for doubt in (heavy, displaced)
+    ]
+    event = FoundationEvent(turbine, 3, 1, "foundation", 0.99, 1, 1, 1, (), (), "it changed")
+    refused = {
+        r"not trusted \(figure-outside-prior: rna_mass.*correct the description": [untrusted[0]],
+        r"not trusted \(sensor: z80 sits higher\); correct the layout": [untrusted[1]],
+        "its structure changed": [event],
+    }
+    monkeypatch.setattr("pipeline.offline.calibrate_turbine.joint_inference", _not_reached)
+    for number, (words, messages) in enumerate(refused.items()):
+        path = session(tmp_path / f"{number}.mcap", [*estimates, *messages])
+        with pytest.raises(InputError, match=words):
+            calibrate_turbine([path])
+    few = session(tmp_path / "few.mcap", estimates[:3])
+    with pytest.raises(InputError, match="3 windows can be used"):
+        calibrate_turbine([few])
+
+
+def test_an_earlier_verdict_is_not_that_of_the_last_window_or_of_another_scenario(
+    estimates, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    doubt = QualityWarning("description-off", "modes find their partners only within 3.0%")
+    wrong = posterior(3, turbine=LAYOUT.turbine, trusted=False, warnings=(doubt,))
+    right = posterior(4, turbine=LAYOUT.turbine)
+    monkeypatch.setattr("pipeline.offline.calibrate_turbine.joint_inference", _not_reached)
+    later = session(tmp_path / "later.mcap", [*estimates, wrong, right])
+    with pytest.raises(AssertionError, match="fitted"):
+        calibrate_turbine([later])
+    corrected = tmp_path / "corrected.toml"
+    corrected.write_text("")
+    untrusted = session(tmp_path / "untrusted.mcap", [*estimates, wrong])
+    with pytest.raises(AssertionError, match="fitted"):
+        calibrate_turbine([untrusted], scenario=str(corrected))
+
+
+def _not_reached(*_: object, **__: object) -> None:
+    raise AssertionError("it is fitted")
+
+
+def test_figures_far_from_the_description_are_no_calibration(estimates, tmp_path: Path) -> None:
+    text = shipped_text("iea15mw_monopile")
+    heavier = tmp_path / "tower.toml"
+    heavier.write_text(text.replace("mass = 530887.918", "mass = 780000.0"), "utf-8")
+    path = session(tmp_path / "a.mcap", estimates, f'[turbine]\ndescription = "{heavier}"\n')
+    with pytest.raises(InputError, match="description first"):
+        calibrate_turbine([path])

@@ -95,7 +95,9 @@ def test_a_posterior_that_is_not_trusted_is_no_finding_and_its_reasons_are_the_u
     assert condition(record) == "bad"
     assert headline(record).startswith("Do not use these stiffnesses")
     assert reasons_for_distrust(untrusted) == [
-        "The frequencies do not fit the model: reduced χ² 8.1."
+        "The frequencies do not fit the model: reduced χ² 8.1.",
+        "What to do about each warning: docs/pages/your-turbine.md, When the posterior is not "
+        "trusted.",
     ]
 
 

@@ -146,9 +146,11 @@ def test_pictures_that_grow_with_a_live_run_have_no_index_that_grows_in_memory(
 
 
 def test_one_turbines_results_are_not_taken_for_the_farms() -> None:
-    assert farm_note(("t1", "t2", "t3"), "t1", Path("shore")) == (
-        "These are the results of t1, one of 3 turbines; all of them: pilewatch farm shore"
-    )
+    note = "These are the results of t1, one of 3 turbines; all of them: pilewatch"
+    turbines = ("t1", "t2", "t3")
+    assert farm_note(turbines, "t1", Path("shore"), pooled=True) == f"{note} farm shore"
+    modes_only = farm_note(turbines, "t1", Path("shore"), pooled=False)
+    assert modes_only == f"{note} report shore"  # a farm without a posterior pools nothing
 
 
 def test_files_of_one_second_are_set_aside_under_numbers(tmp_path: Path) -> None:

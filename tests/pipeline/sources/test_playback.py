@@ -11,7 +11,7 @@ from pipeline.nodes.identification import IdentificationNode
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.runtime.source_feed import with_end
-from pipeline.sources.recorded_stream import Playback, SourceError
+from pipeline.sources.recorded_stream import Playback, SourceError, recordings_in
 from pipeline.sources.sources import replayed, simulated
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -29,6 +29,15 @@ def same_samples(ones, others) -> bool:
     return len(ones) == len(others) and all(
         np.array_equal(one.samples, other.samples) for one, other in zip(ones, others, strict=True)
     )
+
+
+def test_a_recording_that_a_killed_run_left_open_is_named_with_the_way_on(tmp_path: Path):
+    (tmp_path / "session.mcap.active").write_bytes(b"")
+    with pytest.raises(SourceError, match=r"pilewatch salvage .*session\.mcap\.active"):
+        recordings_in(tmp_path)
+    (tmp_path / "session.mcap.active").unlink()
+    with pytest.raises(SourceError, match="holds no recording"):
+        recordings_in(tmp_path)
 
 
 def test_a_range_holds_its_blocks_and_counts_them_from_its_beginning(short_recording: Path):

@@ -16,7 +16,8 @@ from pipeline.messages import (
     ModalEstimate,
     RelativeStiffness,
 )
-from pipeline.viewer.blueprint import _shapes, turbine_tabs
+from pipeline.viewer.blueprint import _shapes, session_blueprint, turbine_tabs
+from pipeline.viewer.drawing.tower import CLEARANCE, SENSOR_LABELS, label_distance
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
@@ -189,6 +190,27 @@ def test_every_reference_mode_has_a_track_of_identified_over_model(recorded: Rec
             assert np.all((low < middle) & (np.abs(middle / frequency - 1) < 0.03))
 
 
+def test_the_models_track_is_of_the_structure_that_was_inferred(tmp_path: Path):
+    """As in the tables: a pair's model frequency; the described structure's is another."""
+    messages = list(session(Episode(n_windows=1)))
+    estimate = next(each for each in messages if isinstance(each, ModalEstimate))
+    posterior = next(each for each in messages if isinstance(each, FoundationPosterior))
+    pairs = tuple(
+        replace(pair, model_frequency=0.99 * pair.model_frequency)
+        for pair in posterior.pairs
+        if pair.model != "9"
+    )
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    for message in (LAYOUT, estimate, replace(posterior, pairs=pairs, structure="uncertain")):
+        viewer.handle(message)
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    described = dict(zip(posterior.model_labels, posterior.model_frequencies, strict=True))
+    (drawn,) = recorded.scalars(f"{ROOT}/modes/5/model")
+    assert drawn == pytest.approx(0.99 * described["5"], rel=1e-6)
+    assert np.isnan(recorded.scalars(f"{ROOT}/modes/9/model")).all()
+
+
 def test_tracks_are_whole_when_the_identification_runs_ahead_of_the_updating(tmp_path: Path):
     recorded = record(tmp_path / "ahead.rrd", Episode(ahead=True))
     times = recorded.times_ns(f"{ROOT}/modes/5/identified")
@@ -232,6 +254,27 @@ def test_two_modes_of_one_pair_stand_at_the_model_modes_whose_shapes_they_have(t
         assert dots[:, across].max() < 0.1 * dots[:, 1 - across].max()
 
 
+def test_a_mode_that_is_paired_later_gets_its_place_in_the_models_order(tmp_path: Path):
+    """Of a description without reference modes; two of one pair get both their places."""
+    messages = list(session(Episode(n_windows=1)))
+    estimate = next(each for each in messages if isinstance(each, ModalEstimate))
+    posterior = next(each for each in messages if isinstance(each, FoundationPosterior))
+    own = replace(DESCRIPTION, reference_modes=())
+    recording = rr.RecordingStream("labels")
+    view = TurbineView(recording, TURBINE, own, rates=TO_FILE)
+    view.draw_layout(LAYOUT)
+    shown = []
+    for window, models in enumerate((("5", "9"), ("4", "9"))):
+        pairs = tuple(pair for pair in posterior.pairs if pair.model in models)
+        names = [pair.identified for pair in pairs]
+        modes = tuple(mode for mode in estimate.modes if mode.name in names)
+        view.draw_estimate(replace(estimate, window=window, modes=modes))
+        view.draw_posterior(replace(posterior, window=window, pairs=pairs))
+        shown.append(view.parameters.modes)
+    assert shown == [("5", "9"), ("4", "5", "9")]
+    assert view.copy_to(rr.RecordingStream("copy")).parameters.modes == ("4", "5", "9")
+
+
 def test_fore_aft_modes_swing_along_x_and_side_side_modes_along_y(recorded: Recorded):
     for name, direction, _, _ in REFERENCE_MODES:
         ((line,), *_) = recorded.column(f"{ROOT}/shapes/{name}/motion/model", "LineStrips3D:strips")
@@ -272,6 +315,9 @@ def test_the_tower_leans_on_its_springs_in_the_colours_of_nominal_posterior_and_
     for name, count in counts.items():
         *_, lines = recorded.column(f"{pile}/{name}", "LineStrips2D:strips")
         assert len(lines) == count
+    orders = [recorded.column(f"{pile}/{name}", "LineStrips2D:draw_order")[-1] for name in counts]
+    assert orders == sorted(orders)  # a narrow posterior does not hide the truth
+    assert orders[-1] > orders[-2]
 
 
 def test_a_change_gets_its_mark_and_its_sizes_where_there_is_one(tmp_path: Path):
@@ -558,6 +604,30 @@ def test_titles_name_a_truth_only_where_one_is_drawn() -> None:
         (*_, foundation, _) = turbine_tabs(layout).contents
         titles = [str(each.name) for each in _views(foundation)]
         assert sum("truth green" in title for title in titles) == 5 * has_truth
+
+
+def test_a_turbine_without_nodes_of_its_own_shows_those_of_the_session() -> None:
+    own, other = (
+        ViewParameters(name, (), ("1",), 50.0, lists_nodes=name == "t1") for name in ("t1", "t2")
+    )
+    _, first, second = session_blueprint([own, other], playback_speed=1.0).root_container.contents
+    for tabs, words in ((first, ""), (second, ", nodes of the session")):
+        (*_, health) = tabs.contents
+        lost, behind, text = _views(health)
+        assert [lost.origin, behind.origin] == ["/t1/health/lost", "/t1/health/behind"]
+        assert str(lost.name).endswith(f"[-]{words}")
+        assert text.origin == f"/{tabs.name}/health/text"
+
+
+def test_heights_of_sensors_are_not_written_over_a_blade() -> None:
+    hub, tip = (0.0, 0.0, 90.0), (0.0, -54.0, 58.0)
+    blade = np.array([hub, tip])
+    heights = [26.0, 51.0, 71.0, 93.0]
+    aside = label_distance(heights, [blade])
+    assert label_distance(heights, []) == SENSOR_LABELS[0] < aside
+    along = np.linspace(hub, tip, 200)[:, 1:]
+    labels = np.array([(-aside, height) for height in heights])
+    assert np.linalg.norm(labels[:, None] - along, axis=2).min() > CLEARANCE
 
 
 def _views(part: Any) -> list[Any]:

@@ -26,6 +26,22 @@ def test_before_the_first_window_there_is_no_claim():
     assert "No posterior yet" in SessionStatus(TURBINE).markdown()
 
 
+def test_a_spring_with_a_wide_interval_is_known_roughly():
+    rng = np.random.default_rng(8)
+    posterior = foundation_posterior(modal_estimate(0, rng), 6, rng)
+    k22 = posterior.parameter("k22")
+    wide = replace(k22, p05=0.7 * k22.median, p95=1.4 * k22.median)
+    parameters = tuple(wide if each.name == "k22" else each for each in posterior.parameters)
+    for shown, word in (
+        (posterior, "known"),
+        (replace(posterior, parameters=parameters), "known roughly"),
+    ):
+        status = SessionStatus(TURBINE)
+        status.take(shown)
+        assert status.indicators[-1].text == f"foundation: {word}"
+        assert f"**Foundation {word}: " in status.markdown()
+
+
 def test_the_verdict_comes_before_the_details():
     status = SessionStatus(TURBINE, title="A turbine")
     for message in session(Episode(rejected=(1,), block=60)):
