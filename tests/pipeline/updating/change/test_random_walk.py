@@ -74,7 +74,7 @@ def test_the_filter_of_six_numbers_is_the_gaussian_of_all_windows(answer):
 
 
 def test_windows_that_share_a_candidate_count_each_for_itself():
-    """Thirty windows of which eight candidates are kept: the filter is still the Gaussian of all."""
+    """Thirty windows of which eight candidates stay: the filter is still the Gaussian of all."""
     generator, n = np.random.default_rng(29), 30
     levels = 1.5 * np.sin(np.arange(n) / 3)
     values = STDS * generator.standard_normal((n, len(STDS)))
