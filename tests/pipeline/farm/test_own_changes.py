@@ -74,6 +74,16 @@ def test_changes_add_up_and_the_last_is_as_all_windows_since_show_it():
     assert revised.stds[1] < both.stds[1]
 
 
+def test_errors_of_changes_one_after_the_other_are_independent():
+    """Two of the same size and the same interval: √2 of one's standard deviation."""
+    posterior = posterior_of("t1", np.ones((200, 3)))
+    once = event_of(posterior, -0.05)
+    before = event_of(posterior, -0.05, windows_ago=9)
+    one, two = own_change(posterior, [once]), own_change(posterior, [once, before])
+    np.testing.assert_allclose(two.stds, np.sqrt(2) * one.stds, rtol=1e-9)
+    np.testing.assert_allclose(two.logs, 2 * one.logs, rtol=1e-9)
+
+
 def test_what_no_foundation_explains_what_others_saw_and_what_came_later_do_not_count():
     posterior = posterior_of("t1", np.ones((200, 3)))
     drift = event_of(posterior, 0.0, kind="modal-drift")

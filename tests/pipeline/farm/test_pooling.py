@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from pipeline.farm.evidence import StackedEvidence, TurbineEvidence
-from pipeline.farm.gibbs import inverse_wishart
+from pipeline.farm.gibbs import Gibbs, inverse_wishart
 from pipeline.farm.pooling import pooled
 from pipeline.farm.settings import FarmError, GibbsSettings, PopulationPrior
 from tests.benchmarks.pooling import expected_errors
@@ -192,6 +192,24 @@ def test_an_outlier_does_not_widen_the_others():
     assert beside.outlier_probabilities[:-1].max() < 0.2
     widths = [d.points[:, :11].std(axis=0) for d in (alone, beside)]
     np.testing.assert_allclose(widths[1], widths[0], rtol=0.15)
+
+
+def test_a_spread_given_twenty_differences_is_their_scatter_beside_the_priors():
+    """Conjugate: E Σ = (Σ b bᵀ + ν τ² S) / (ν + n), of ν degrees that hold Σ to τ² S."""
+    generator, tau, alike = np.random.default_rng(12), 0.02, 10.0
+    shape = np.array([[1.0, 0.3], [0.3, 2.0]])
+    offsets = generator.multivariate_normal(np.zeros(2), 4 * tau**2 * shape, 20)
+    evidence = StackedEvidence.of(
+        [
+            TurbineEvidence("t", np.ones(1), np.zeros((1, 2)), 1e-6 * np.eye(2)[None])
+            for _ in offsets
+        ]
+    )
+    gibbs = Gibbs(evidence, PopulationPrior(alike=alike), generator, shape)
+    n_chains = 20_000
+    drawn = gibbs._covariance(np.tile(offsets, (n_chains, 1, 1)), np.full(n_chains, tau))
+    expected = (offsets.T @ offsets + alike * tau**2 * shape) / (alike + 20)
+    np.testing.assert_allclose(drawn.mean(axis=0), expected, atol=0.02 * expected.max())
 
 
 def test_inverse_wishart_draws_have_their_mean_and_spread():

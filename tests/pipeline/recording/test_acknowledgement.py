@@ -59,6 +59,13 @@ def test_ranges_are_bounded() -> None:
     assert len(acknowledged([block(3 * n) for n in range(2 * MOST_RANGES)])) == MOST_RANGES
 
 
+def test_of_too_many_ranges_those_that_grew_last_are_kept() -> None:
+    """The first one grows when all others are there: it stays, the second has to go."""
+    many = [*(block(3 * n) for n in range(MOST_RANGES)), block(1), block(3 * MOST_RANGES)]
+    kept = [(0, 2), *((3 * n, 3 * n + 1) for n in range(2, MOST_RANGES + 1))]
+    assert sorted(acknowledged(many)) == kept
+
+
 def test_a_block_that_comes_again_is_acknowledged_again() -> None:
     kept = Acknowledgements()
     kept.note(block(0))

@@ -100,6 +100,20 @@ def test_the_oldest_samples_go_first_and_results_stay(tmp_path):
     assert sequences([first]) == []
 
 
+def test_samples_go_after_as_many_days_as_they_are_kept(tmp_path):
+    """Parts closed a day apart: of 30 days, those of 31.5 and 30.5 go, that of 29.5 stays."""
+    recorded(tmp_path, 30, rotate_after=10.0)
+    parts = parts_of(tmp_path / "session.mcap")
+    for day, part in enumerate(parts):
+        closed = START_NS + day * 86_400 * SECOND
+        os.utime(part, ns=(closed, closed))
+    now_ns = START_NS + round(31.5 * 86_400) * SECOND
+    gone = thin(tmp_path / "session.mcap", RecordingSettings(keep_days=30.0), now_ns)
+    assert len(parts) > 2
+    assert gone == parts[:2]
+    assert sorted(raw_files(tmp_path / "session.mcap")) == sorted(parts[2:])
+
+
 def test_without_a_word_about_keeping_nothing_is_deleted(tmp_path):
     recorder = recorded(tmp_path, 60, free=lambda _: 10**6, rotate_after=10.0)
     assert recorder.warnings[0].code == "recording-stopped"

@@ -88,6 +88,18 @@ def test_of_many_units_those_furthest_off_are_named() -> None:
     assert f"unit u{3 * MOST_WARNINGS - 1} of" in clocks.warnings[0].text
 
 
+def test_of_many_units_clocks_behind_are_as_far_off_as_those_ahead() -> None:
+    """u1 is a minute ahead, u2 two behind, u3 three ahead, …: the last ones are named."""
+    clocks, most = ArrivalClocks(), 2 * MOST_WARNINGS
+    for unit in range(1, most + 1):
+        off = 60 * unit * (-1) ** (unit + 1) * SECOND
+        for number in range(20):
+            sent = replace(block(number), unit=f"u{unit}")
+            clocks.note(replace(sent, start_ns=sent.start_ns + off), sent.end_ns)
+    named = [f"unit u{most - place} of" in each.text for place, each in enumerate(clocks.warnings)]
+    assert named == [True] * MOST_WARNINGS
+
+
 def test_as_many_units_as_may_be_watched_are_watched(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline.transport.arrival_clocks.MOST_UNITS", 2)
     clocks = ArrivalClocks()

@@ -18,6 +18,7 @@ from pipeline.messages import (
     ModalEstimate,
     NodeStatus,
     RecordedUntil,
+    WindowRejected,
 )
 from pipeline.streams import STREAMS
 from pipeline.transport.codec import LARGEST_PAYLOAD, SCHEMA_NAMES, decode, encode, schema
@@ -27,7 +28,7 @@ from sensors.acquisition import blocks, layout, scada
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
-from tests.pipeline.example_messages import START_NS, block, messages, same
+from tests.pipeline.example_messages import START_NS, block, messages, rejection, same
 
 TYPES = [stream.message for stream in STREAMS]
 
@@ -272,3 +273,14 @@ def test_a_sample_keeps_its_bits(sample: float) -> None:
     sent = replace(block(0), samples=np.array([[sample]], np.float32))
     received = decode(AccelerationBlock, encode(sent)).samples
     assert received.tobytes() == sent.samples.tobytes()
+
+
+def test_samples_end_years_before_the_latest_time_that_a_window_may_end_at() -> None:
+    """A window of what the latest block begins, ten years long, still has a time on the wire."""
+    year = 365 * 86_400 * 10**9  # [ns]
+    latest = replace(block(0), start_ns=2**62 - 19 * year)
+    window = replace(rejection(0), start_ns=latest.start_ns, end_ns=latest.start_ns + 10 * year)
+    assert same(decode(AccelerationBlock, encode(latest)), latest)
+    assert same(decode(WindowRejected, encode(window)), window)
+    with pytest.raises(CodecError, match="samples end before"):
+        encode(replace(latest, start_ns=2**62 - 17 * year))

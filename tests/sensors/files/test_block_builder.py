@@ -5,7 +5,7 @@ import pytest
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
-from sensors.files.block_builder import RESTART_SILENCE, BlockCutter, StampedSamples
+from sensors.files.block_builder import RESTART_SILENCE, BlockCutter, StampedSamples, moment
 
 RATE = 40.0  # [Hz]
 START = 1_700_000_000 * NANOSECONDS
@@ -40,3 +40,15 @@ def test_the_end_of_a_file_loses_no_sample() -> None:
     blocks = [*cutter.push(last), *cutter.finish()]
     assert [len(block.samples) for block in blocks] == [40] * 9 + [25]
     assert [*cutter.finish()] == []
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "text"),
+    [
+        (1_709_294_400_250_999_999, "2024-03-01 12:00:00.250"),
+        (1_709_294_400_007_000_000, "2024-03-01 12:00:00.007"),
+        (1_000_050_000_000, "1000.050 s"),
+    ],
+)
+def test_a_time_in_a_message_has_milliseconds(time_ns: int, text: str) -> None:
+    assert moment(time_ns) == text

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import obspy
 import pytest
 from scipy.io import savemat
 
@@ -32,6 +33,20 @@ def test_every_format_gives_the_same_samples_times_and_units(measurement: Path) 
     else:
         assert table.names == NAMES
         assert table.units == ("m/s²", "m/s²")
+
+
+@pytest.mark.parametrize(
+    ("code", "quantity"),
+    [("BNZ", "acceleration"), ("BHZ", "velocity"), ("ELZ", "velocity"), ("EPN", "velocity")],
+)
+def test_the_second_letter_of_a_miniseed_channel_is_its_instrument(
+    tmp_path: Path, code: str, quantity: str
+) -> None:
+    """SEED manual 2.4, appendix A: N an accelerometer, H, L and P seismometers of high and low gain
+    and geophones."""
+    trace = obspy.Trace(SAMPLES[:, 0].copy(), {"channel": code, "sampling_rate": RATE})
+    trace.write(str(tmp_path / "a.mseed"), format="MSEED", encoding="FLOAT64")
+    assert read_file(tmp_path / "a.mseed").quantities == (quantity,)
 
 
 def test_a_file_that_is_cut_off_gives_one_line(measurement: Path) -> None:

@@ -287,6 +287,7 @@ def outb(kind: int, samples: np.ndarray[Any, Any]) -> bytes:
 def test_openfast_packs_its_output_into_sixteen_bits(tmp_path: Path, kind: int) -> None:
     (tmp_path / "a.outb").write_bytes(outb(kind, SAMPLES))
     table = read_file(tmp_path / "a.outb")
+    assert table.times == pytest.approx(SECONDS, abs=1e-4)  # what kind 1 rounds them to
     assert table.names == ("TwHt1ALxt", "TwHt1ALyt")
     assert table.units == ("m/s²", "m/s²")
     assert table.sampling_rate == pytest.approx(RATE)

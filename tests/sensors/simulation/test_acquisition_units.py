@@ -39,3 +39,28 @@ def test_stamps_of_a_clock_that_is_late_by_seconds_are_that_much_larger(offset: 
     stamps = {unit: [b.start_ns for b in read if b.unit == unit] for unit in ("right", "off")}
     late = (np.array(stamps["off"]) - np.array(stamps["right"])) / NANOSECONDS
     assert late == pytest.approx(np.full(len(late), offset), abs=1e-9)
+
+
+@pytest.mark.parametrize("drift", [2500.0, -2500.0])
+def test_a_converter_that_is_fast_takes_more_samples_of_the_same_time(drift: float) -> None:
+    """Sample m is of the time m / (rate (1 + drift)), by its stamp and by what it measures."""
+    seconds, slow = np.arange(20 * 200) / 20.0, 0.05  # [s], [Hz]
+    wave = np.sin(2 * np.pi * slow * seconds).astype(np.float32)
+    blocks = [
+        replace(
+            FIRST,
+            sequence=k,
+            first_sample=20 * k,
+            start_ns=FIRST.start_ns + k * NANOSECONDS,
+            samples=np.column_stack([wave, wave])[20 * k : 20 * (k + 1)],
+        )
+        for k in range(200)
+    ]
+    units = (UnitSettings("right", (20.0,)), UnitSettings("off", (60.0,), clock_drift=drift))
+    read = [each for each in read_by_units(blocks, LAYOUT, units) if each.unit == "off"]
+    taken = np.array([each.first_sample for each in read]) / (20.0 * (1 + 1e-6 * drift))
+    stamps = [(each.start_ns - FIRST.start_ns) / NANOSECONDS for each in read]
+    assert stamps == pytest.approx(taken, abs=1e-9)
+    inner = slice(5, -5)
+    first = np.array([each.samples[0, 0] for each in read])
+    assert first[inner] == pytest.approx(np.sin(2 * np.pi * slow * taken)[inner], abs=2e-3)

@@ -152,3 +152,12 @@ def test_a_fault_that_cannot_be_is_refused(wrong: dict[str, object], message: st
 def test_a_fault_on_a_channel_that_is_not_there_is_refused() -> None:
     with pytest.raises(FaultError, match=r"no channel 'z9'; there are a, b, c"):
         arrived(replace(faulty("dead", channel="a"), channel="z9"))
+
+
+def test_a_spike_comes_once_a_minute_and_adds_its_size() -> None:
+    fault = Fault("spikes", start=3.0, duration=150.0, channel="b", size=9.0)
+    blocks = list(healthy(200))
+    spoilt = with_faults(iter(blocks), (fault,), [LAYOUT], rng=np.random.default_rng(1))
+    off = samples_of(list(spoilt)) - samples_of(blocks)
+    assert (np.flatnonzero(off[:, 1]) / RATE).tolist() == [3.0, 63.0, 123.0]
+    assert off[off != 0] == pytest.approx([9.0] * 3, rel=1e-6)

@@ -5,9 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.nodes.units.acquisition_units import AcquisitionUnit, read_back
+from pipeline.nodes.units.acquisition_units import (
+    AcquisitionUnit,
+    Boot,
+    UnitBlock,
+    UnitSession,
+    read_back,
+)
+from pipeline.nodes.window_identification import WindowContext
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockMark
+from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
 
 SETTINGS = OmaSettings(window_duration=60.0, hop=60.0)
 RATE = 20  # [Hz]
@@ -54,3 +63,24 @@ def test_the_last_block_before_a_day_without_samples_is_still_known() -> None:
     unit.forget_unread()
     assert unit.mark_before(after.first_sample - 1) == BlockMark.of(block(299))
     assert unit.expected(after).first_sample == after.first_sample
+
+
+def test_a_session_after_another_expects_the_block_behind_the_last_that_it_had() -> None:
+    """Block 9 was joined, 10 to 14 are lost: they are what is missing."""
+    unit = unit_of(range(10))
+    for number in (8, 9, 7):
+        unit.note_joined(block(number))
+    assert unit.expected(block(15)) == Beginning(10 * RATE, 10)
+    assert unit.expected(block(5)) == Beginning(5 * RATE, 5)
+
+
+@pytest.mark.parametrize("answered", [0, 3, 100])
+def test_windows_that_overlap_need_samples_from_one_hop_a_window_on(answered: int) -> None:
+    settings = OmaSettings(window_duration=60.0, hop=20.0)
+    layout = SensorLayout(
+        "l", "t", "tower", tuple(Accelerometer(name, 20.0, FORE_AFT) for name in "ab")
+    )
+    begun = UnitBlock(block(0), Boot("s", 0), Beginning(0, 0))
+    session = UnitSession(begun, {"l": layout}, WindowContext(settings, lambda *_: None))
+    session.resume({"window": answered, "origin": 7}, {"tower": Beginning(0, 0)})
+    assert session.needed() == {"tower": 7 + answered * 20 * RATE}

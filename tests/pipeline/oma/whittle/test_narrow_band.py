@@ -39,3 +39,21 @@ def test_a_stretch_is_whole_where_no_harmonic_is_near() -> None:
     _, rest = taken_off(0.4)
     assert rest.is_whole(0.4, 0.4, 0.002)
     assert not rest.is_whole(0.49, 0.49, 0.002)
+
+
+@pytest.mark.parametrize("frequency", [0.3, 2.0])
+def test_channels_of_other_quantities_become_accelerations_at_the_modes_frequency(
+    frequency: float,
+) -> None:
+    """One motion as an accelerometer, a seismometer and a displacement gauge have it: their scaled
+    lines are alike, and each stands for as much acceleration."""
+    omega, t = 2 * np.pi * frequency, np.arange(6000) / RATE
+    samples = np.column_stack(
+        [np.sin(omega * t), -np.cos(omega * t) / omega, -np.sin(omega * t) / omega**2]
+    )
+    spectrum = WindowSpectrum(samples, RATE, integrations=np.array([0, 1, 2]))
+    band = spectrum.band(frequency, frequency)
+    (matrix,) = band.matrices
+    assert matrix / matrix[0, 0] == pytest.approx(np.ones((3, 3)), abs=1e-9)
+    factors = band.accelerations(frequency)
+    assert factors == pytest.approx(np.full(3, np.sqrt(0.5)))

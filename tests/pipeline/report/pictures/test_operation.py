@@ -55,6 +55,14 @@ def test_a_change_leaves_the_limits_of_what_came_before_it() -> None:
     assert outside >= 4 * 10  # every window after the change, of four modes
 
 
+def test_of_windows_that_only_scatter_next_to_none_lie_outside() -> None:
+    """Three standard deviations leave .3 % out; two would leave 5 %."""
+    record = record_of([estimate(n) for n in range(200)])
+    outside, _, total, *_ = operation.beyond_limits(record).split()
+    assert int(total) == 200 * operation.CHARTED
+    assert int(outside) <= 0.015 * int(total)
+
+
 def test_frequencies_are_drawn_against_a_tide_and_not_against_a_steady_wind() -> None:
     record = record_of(tidal())
     drawn = operation.frequencies_against(record, "water_level")

@@ -11,6 +11,7 @@ from pipeline.updating.change.random_walk import (
     RIDES,
     deviation,
 )
+from pipeline.updating.change.settings import ChangeSettings
 from pipeline.updating.change.sufficient_statistics import (
     SeenFrequency,
     Sensitivities,
@@ -70,6 +71,25 @@ def test_the_filter_of_six_numbers_is_the_gaussian_of_all_windows(answer):
     found = deviation(state.walk)
     assert found.means[answer] == pytest.approx(mean, abs=2e-6)
     assert found.covariances[answer] == pytest.approx(covariance, abs=1e-8)
+
+
+def test_windows_that_share_a_candidate_count_each_for_itself():
+    """Thirty windows of which eight candidates stay: the filter is still the Gaussian of all."""
+    generator, n = np.random.default_rng(29), 30
+    levels = 1.5 * np.sin(np.arange(n) / 3)
+    values = STDS * generator.standard_normal((n, len(STDS)))
+    detector, state = ChangeDetector(ChangeSettings(candidates=8)), ChangeState()
+    for number, (row, level) in enumerate(zip(values, levels, strict=True)):
+        seen = tuple(SeenFrequency(j, float(v), float(STDS[j])) for j, v in enumerate(row))
+        window = WatchedWindow(int(number * 6e11), WINDOW, seen, water_level=float(level))
+        state = detector.updated(state, window, known_of(state))
+        state.sums.scatter[:] = 0.0
+    assert len(state.sums.starts_ns) == 8
+    answer = len(DRIFT_STEPS) - 1
+    mean, covariance = written_out(values, levels, DRIFT_STEPS[answer], RIDES[answer])
+    found = deviation(state.walk)
+    assert found.means[answer] == pytest.approx(mean, abs=1e-4)
+    assert found.covariances[answer] == pytest.approx(covariance, abs=0.01 * covariance.max())
 
 
 def test_a_foundation_that_stays_adds_next_to_nothing():
