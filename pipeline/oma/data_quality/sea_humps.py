@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from pipeline.messages import Mode, QualityWarning, RefusedMode
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
@@ -185,6 +184,8 @@ def _least_cost(
     prior: tuple[tuple[float, float], tuple[float, float]],
 ) -> float:
     """Least −ln p of the lines, and of what is known beforehand, over a model's parameters."""
+    from scipy.optimize import minimize  # slow to load, and few records show a hump
+
     (mean, std), (colour, colour_std) = prior
     floor = float(np.quantile(powers, 0.1)) + 1e-12 * float(powers.max())
     beside = flanks / max(float(flanks.max()), 1e-300)

@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError, MatReadWarning
 
 from sensors.files.named_arrays import NamedArray, find_channels
 from sensors.files.readers.hdf5 import read_hdf5
@@ -26,7 +24,7 @@ HDF5_OFFSET = 512  # MATLAB puts a text before the HDF5 of version 7.3 [bytes]
 HDF5_MAGIC = b"\x89HDF"
 MATLAB_DAMAGE = (
     *(OSError, ValueError, LookupError, EOFError, struct.error, NotImplementedError),
-    *(AttributeError, TypeError, ArithmeticError, MemoryError, MatReadError, zlib.error),
+    *(AttributeError, TypeError, ArithmeticError, MemoryError, zlib.error),
 )
 
 
@@ -53,7 +51,11 @@ def read_mat(path: Path) -> list[Sep005Channel]:
         beginning = file.read(HDF5_OFFSET + len(HDF5_MAGIC))
     if beginning.startswith(HDF5_MAGIC) or beginning.endswith(HDF5_MAGIC):
         return read_hdf5(path)
-    with readable(path, "MATLAB file", *MATLAB_DAMAGE), warnings.catch_warnings():
+    from scipy.io import loadmat  # slow to load, and few files are MATLAB's
+    from scipy.io.matlab import MatReadError, MatReadWarning
+
+    damage = (*MATLAB_DAMAGE, MatReadError)
+    with readable(path, "MATLAB file", *damage), warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # of one name that is used twice
         content = loadmat(path, simplify_cells=True)
     variables = {name: each for name, each in content.items() if not name.startswith("__")}

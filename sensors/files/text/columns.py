@@ -15,7 +15,6 @@ from typing import Any, Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 from sensors.arrays import FloatArray
 from sensors.files.table import (
@@ -27,6 +26,7 @@ from sensors.files.table import (
     Wanted,
     in_standard_unit,
 )
+from sensors.files.text.arrow_values import values_of
 from sensors.files.text.column_titles import distinct, is_number_title, is_time_title, time_unit
 from sensors.files.text.time_column import ClockError, TextClock, iso
 
@@ -288,23 +288,3 @@ def _numbers(column: pa.Array, title: str, path: Path) -> FloatArray:
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
         raise FileError(f"{path}: column {title!r} holds {kind}; numbers are needed")
     return values_of(column.cast(pa.float64(), safe=False))
-
-
-def values_of(column: pa.Array) -> FloatArray:
-    """Numbers of a column of doubles, NaN where it has none, (n,).
-
-    Out of its buffer: `to_numpy` loads pandas where that is installed, a quarter of a second.
-    """
-    values = _buffer(column, np.float64)
-    if column.null_count:
-        known = _buffer(column.is_valid().cast(pa.uint8()), np.uint8)
-        values = np.where(known == 1, values, np.nan)
-    return values
-
-
-def _buffer(column: pa.Array, kind: type[Any]) -> NDArray[Any]:
-    """What a column of numbers keeps, (n,)."""
-    if not len(column):
-        return np.empty(0, dtype=kind)
-    kept = np.frombuffer(column.buffers()[1], dtype=kind)
-    return kept[column.offset : column.offset + len(column)]

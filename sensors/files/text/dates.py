@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.constants import DAY
 from sensors.files.table import DateOrder, zone_named
+from sensors.files.text.arrow_values import integers_of, truths_of
 
 DateKind = Literal["moment", "date", "time of day"]
 Order = Literal["ymd", "dmy", "mdy"]
@@ -127,10 +128,10 @@ class DateStyle:
             stamps = texts.cast(kind)
         except pa.ArrowInvalid:
             stamps = self._plain(texts).cast(kind)
-        since = np.array(stamps.cast(pa.int64()).to_numpy(zero_copy_only=False), dtype=np.int64)
+        since = integers_of(stamps.cast(pa.int64()))
         if re.search(r"[AaPp][Mm]\s*$", texts[0].as_py()) is None:
             return since
-        later = pc.match_substring_regex(texts, r"[Pp][Mm]\s*$").to_numpy(zero_copy_only=False)
+        later = truths_of(pc.match_substring_regex(texts, r"[Pp][Mm]\s*$"))
         twelve = since // HALF_DAY % 2 == 1  # 12:30 AM is half an hour after midnight
         return since + np.where(later & ~twelve, HALF_DAY, np.where(~later & twelve, -HALF_DAY, 0))
 

@@ -18,9 +18,10 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.arrays import FloatArray
+from sensors.arrays import BoolArray, FloatArray
 from sensors.constants import DAY
 from sensors.files.table import DateOrder
+from sensors.files.text.arrow_values import integers_of, truths_of, values_of
 from sensors.files.text.dates import (
     DateError,
     DateStyle,
@@ -182,7 +183,7 @@ class TextClock:
         """
         if pa.types.is_dictionary(column.type):
             column = column.dictionary_decode()
-        self._require_all(column.is_null())
+        self._require_all(truths_of(column.is_null()))
         kind = column.type
         if pa.types.is_string(kind) or pa.types.is_large_string(kind):
             seconds = self._of_texts(column.cast(pa.string()))
@@ -194,18 +195,17 @@ class TextClock:
         elif pa.types.is_decimal(kind):
             seconds = self._of_decimals(column)
         elif pa.types.is_integer(kind):
-            seconds = self._of_numbers(np.asarray(column.cast(pa.int64()).to_numpy()))
+            seconds = self._of_numbers(integers_of(column.cast(pa.int64())))
         elif pa.types.is_floating(kind):
-            seconds = self._of_numbers(np.asarray(column.cast(pa.float64()).to_numpy()))
+            seconds = self._of_numbers(values_of(column.cast(pa.float64())))
         else:
             raise ClockError(f"holds {kind}; numbers or dates are needed")
         self._rows += len(column)
         return seconds
 
-    def _require_all(self, missing: pa.Array) -> None:
-        gone = missing.to_numpy(zero_copy_only=False)
-        if gone.any():
-            raise ClockError(f"has no value in sample {self._rows + int(np.argmax(gone)) + 1}")
+    def _require_all(self, missing: BoolArray) -> None:
+        if missing.any():
+            raise ClockError(f"has no value in sample {self._rows + int(np.argmax(missing)) + 1}")
 
     def _of_texts(self, texts: pa.Array) -> FloatArray:
         try:
@@ -236,7 +236,7 @@ class TextClock:
         return np.asarray((stamps - self._first) * 1e-9, dtype=np.float64)
 
     def _of_numbers(self, values: NDArray[Any]) -> FloatArray:
-        self._require_all(pa.array(~np.isfinite(values)))
+        self._require_all(~np.isfinite(values))
         scale = self._scale_of(values[0].item(), values[: min(len(values), 100)])
         return np.asarray((values - self._first) * scale.seconds, dtype=np.float64)
 
@@ -245,7 +245,7 @@ class TextClock:
         some = np.array([float(each) for each in column[:100].to_pylist()])
         scale = self._scale_of(column[0].as_py(), some)
         since = pc.subtract(column, pa.scalar(self._first, column.type))
-        return np.asarray(since.cast(pa.float64()).to_numpy(zero_copy_only=False)) * scale.seconds
+        return values_of(since.cast(pa.float64())) * scale.seconds
 
     def _scale_of(self, first: int | float | Decimal, some: NDArray[Any]) -> Scale:
         if self._scale is None:
@@ -270,7 +270,7 @@ def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
         join_chunks = column.cast(kind).cast(pa.int64())
     except pa.ArrowInvalid as error:
         raise ClockError("has a date that 64 bits of nanoseconds do not hold") from error
-    return np.asarray(join_chunks.to_numpy(zero_copy_only=False), dtype=np.int64)
+    return integers_of(join_chunks)
 
 
 def parse_start_ns(number: int | float) -> int:

@@ -5,12 +5,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from sensors.files.formats import read_file
 from sensors.files.table import FileError
-from sensors.files.text.columns import values_of
 
 
 def written(folder: Path, text: str) -> Path:
@@ -106,17 +104,17 @@ def test_comments_and_empty_rows_among_the_samples_are_passed_over(tmp_path: Pat
     np.testing.assert_array_equal(table.samples, [[1, 2], [3, 4], [5, 6]])
 
 
-def test_numbers_come_out_of_their_buffer() -> None:
-    column = pa.array([1.0, None, 3.0, 4.5, None])
-    np.testing.assert_array_equal(values_of(column), [1.0, np.nan, 3.0, 4.5, np.nan])
-    np.testing.assert_array_equal(values_of(column[1:4]), [np.nan, 3.0, 4.5])
-    np.testing.assert_array_equal(values_of(column[2:4]), [3.0, 4.5])
-    assert values_of(column[:0]).shape == (0,)
-
-
-def test_columns_of_numbers_load_no_pandas(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "a,b\n1,2\n3,4\n",
+        "t [s],a\n0,2\n0.5,4\n",
+        "time,a\n2024-12-31T23:00:00,2\n2024-12-31T23:00:01,4\n",
+    ],
+)
+def test_columns_of_numbers_and_times_load_no_pandas(tmp_path: Path, rows: str) -> None:
     """A quarter of a second of each `pilewatch identify`."""
-    path = written(tmp_path, "a,b\n1,2\n3,4\n")
+    path = written(tmp_path, rows)
     reads = "import sys; from pathlib import Path; from sensors.files.formats import read_file; "
     reads += f"read_file(Path({str(path)!r})); print('pandas' in sys.modules)"
     ran = subprocess.run([sys.executable, "-c", reads], capture_output=True, text=True, check=False)
