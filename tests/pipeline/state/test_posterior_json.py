@@ -90,7 +90,7 @@ def test_figures_of_the_structure_that_are_uncertain_stand_beside_the_springs():
         ["60"],
     ]
     wider = {"rna_mass": summary["figures"]["rna_mass"] | {"contraction": -0.2}}
-    assert list(figures_tables(summary | {"figures": wider})[0].columns[-1].cells) == ["0%"]
+    assert list(figures_tables(summary | {"figures": wider})[0].columns[-1].cells) == ["0"]
     assert not figures_tables(summary | {"figures": {}})
 
 
