@@ -109,7 +109,9 @@ class TurbineView:
         tower_views.log_tower(recording, root, self._outline)
         foundation_views.log_foundation_styles(recording, root)
         self._modes = ModeView(
-            *(recording, root, self._outline),
+            recording,
+            root,
+            self._outline,
             labels=described if labels is None else labels,
             follows=has_structure and not described,
             rates=rates,
