@@ -16,13 +16,16 @@ def blamed_sensor(
     fit: JointFit, evidence: ModalEvidence, peak: JointPeak
 ) -> tuple[tuple[int, ...], JointPeak] | None:
     """Channels of the sensor without which the others fit best, and their peak; None where they
-    fit without none.
+    fit without none, or where there are no others.
 
     peak   of the evidence with all sensors
     """
     best: tuple[tuple[int, ...], JointPeak] | None = None
     good, elevations = fit.settings.good_cost, fit.model.layout.elevations
-    for elevation in np.unique(elevations):
+    sensors = np.unique(elevations)
+    if len(sensors) < 2:
+        return None  # frequencies alone would fit, whatever is wrong
+    for elevation in sensors:
         channels = tuple(np.flatnonzero(elevations == elevation).tolist())
         end = fit.best(evidence.without_channels(channels), [peak.u], most_starts=FEW_STARTS)
         if end is not None and (best is None or end.misfit < best[1].misfit):
