@@ -24,12 +24,11 @@ import numpy as np
 import pytest
 
 from pipeline.nodes import window_identification
-from pipeline.oma import identification, streaming
+from pipeline.oma import identification
 from pipeline.updating.structural import inference
 
 STEPS = {  # functions of arrays and settings alone, where they are called: a window, its dear parts
     window_identification: ("identify",),
-    streaming: ("identify", "modes_of_covariances", "concluded"),
     identification: ("modes_of_covariances", "concluded"),
 }
 

@@ -16,19 +16,15 @@ from pipeline.messages import (
 )
 from pipeline.nodes.limits import CpuLimit, WindowWork
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
-from pipeline.oma.data_quality.rotor_harmonics import turns
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.preprocessing import MOST_MISSING
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.covariance import settings_for_channels
 from pipeline.oma.ssi.stabilization import stabilisation_diagram
-from pipeline.oma.streaming import StreamingIdentifier
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
 from pipeline.oma.windows.unit_clock import (
     CLOCK_ERROR,
     ClockStep,
-    diagram_in_true_time,
-    modes_in_true_time,
     text_of_step,
 )
 from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
@@ -86,9 +82,6 @@ class WindowIdentification:
         self._unit_steps: list[tuple[str, ClockStep]] = []  # of joined units, since the last window
         self._cutter = WindowCutter(settings.window_duration, settings.hop)
         self._tracker = ModeTracker()
-        self._overlap = settings.hop < settings.window_duration  # only then windows share work
-        self._stretch: StreamingIdentifier | None = None  # since the last gap, of windows that do
-        self._origin = 0  # the stretch's first sample, where a window begins
         self._settings = settings
         self._layouts = layouts
         self._columns = columns or {}
@@ -97,6 +90,11 @@ class WindowIdentification:
     def next_index(self) -> int:
         """Number of the next window."""
         return self._cutter.next_index
+
+    @property
+    def shift(self) -> int:
+        """By how many samples it begins later than the nominal rate has it."""
+        return self._cutter.shift
 
     def begin_at(self, index: int) -> None:
         """Begin with that window, those before having been answered."""
@@ -112,14 +110,12 @@ class WindowIdentification:
         A block longer than a hop is taken in parts, for what a window is identified from is not
         kept much longer than the window.
         """
+        parts: Iterable[AccelerationBlock | MissingSamples]
         if isinstance(piece, MissingSamples):
-            self._stretch = None
-            parts: Iterable[AccelerationBlock | MissingSamples] = (piece,)
+            parts = (piece,)
         else:
             parts = parts_of(piece, math.ceil(self._settings.hop * piece.sampling_rate))
         for part in parts:
-            if isinstance(part, AccelerationBlock):
-                self._feed(part)
             for window in self._cutter.push(part):
                 yield from self._answers(window)
 
@@ -153,24 +149,6 @@ class WindowIdentification:
             n_blocks=missing.n_blocks,
         )
 
-    def _feed(self, block: AccelerationBlock) -> None:
-        """Into the running stretch, which after a gap begins with the next window's start."""
-        if self._work.exceeded or not self._overlap:
-            return
-        if self._stretch is None:
-            self._stretch = StreamingIdentifier(
-                block.sampling_rate, block.samples.shape[1], self._settings
-            )
-            hop = self._stretch.hop_samples
-            self._origin = -(-block.first_sample // hop) * hop
-        before = max(0, self._origin - block.first_sample)
-        samples = block.samples[before:]
-        # Samples of a unit that is missing are never used: its channels are left out of the window.
-        with self._work.counted():
-            self._stretch.push(np.nan_to_num(samples) if self._columns else samples)
-        if self._work.exceeded:
-            self._stretch = None
-
     def _answers(self, window: Window) -> Iterator[Message]:
         """Yield a rejection; or an estimate, and the diagram behind it."""
         missing = self._missing_units(window)
@@ -187,15 +165,13 @@ class WindowIdentification:
                 result = self._identified(window, names, present if missing else None)
         refusal = self._work.refusal()
         if refusal is not None:
-            self._stretch = None
             yield self._rejected(window, refusal)
             return
         assert result is not None
         answer = self._answer(window, result, missing, present)
         yield answer
         if isinstance(answer, ModalEstimate):
-            diagram = stabilisation_diagram(answer, result.diagrams, result.refused)
-            yield diagram_in_true_time(diagram, window.clock)
+            yield stabilisation_diagram(answer, result.diagrams, result.refused)
 
     def _answer(
         self, window: Window, result: Identification, missing: dict[str, float], present: list[int]
@@ -213,7 +189,7 @@ class WindowIdentification:
         if unusable is not None:
             return self._rejected(window, unusable)
         places = ChannelPlaces(tuple(present), window.samples.shape[1]) if missing else None
-        modes = self._tracker.named(modes_in_true_time(result.modes, window.clock), on=places)
+        modes = self._tracker.named(result.modes, on=places)
         events = tuple(QualityWarning(f"mode-{e.kind}", e.text) for e in self._tracker.events)
         return ModalEstimate(
             turbine=self._turbine,
@@ -254,14 +230,8 @@ class WindowIdentification:
     def _identified(
         self, window: Window, names: tuple[str, ...], present: list[int] | None
     ) -> Identification:
-        """present   channels to use where a unit is missing; None: all, as they were streamed"""
+        """present   channels to use where a unit is missing; None: all"""
         speed = self._rotor_speed_of(window.start_ns, window.end_ns, len(window.samples))
-        # what a window before it cost may have ended the stretch that this one began in
-        streamed = self._stretch is not None and window.first_sample >= self._origin
-        turning = speed is not None and turns(speed)
-        if self._stretch is not None and streamed and not (present or window.gaps or turning):
-            hops = window.index - self._origin // self._stretch.hop_samples
-            return self._stretch.identify(hops, window.samples, channel_names=names)
         samples = window.samples
         if present is not None:
             samples, names = samples[:, present], tuple(names[column] for column in present)

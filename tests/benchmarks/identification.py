@@ -22,9 +22,6 @@ import numpy as np
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
-from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.band_identification import modes_of_covariances
-from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.covariance import lag_covariances
 from pipeline.oma.ssi.ssi_cov import signal_subspace, system_modes
 from pipeline.oma.ssi.uncertainty import (
@@ -35,7 +32,6 @@ from pipeline.oma.ssi.uncertainty import (
     shape_deviations,
     state_deviations,
 )
-from pipeline.oma.streaming import CovarianceRing
 from sensors.acquisition.layout import biaxial_layout
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import FullModes, full_modes
@@ -165,9 +161,6 @@ def speed() -> dict[str, Any]:
         theirs = peak_memory(lambda: run_pyoma(thirty, rows=60, highest=30, step=1, uncertain=True))
         figures["memory"] = {"pyOMA-2": round(theirs / memory)}
         print(f"    pyOMA-2 {theirs:.0f} MB: {theirs / memory:.0f} times as much")
-    scratch, sliding = sliding_update(record)
-    print(f"  window from scratch, 100 block rows, 30 orders, with uncertainty: {scratch:.3f}")
-    print(f"  slid by a tenth: {sliding:.3f}, {scratch / sliding:.1f} times faster")
     whole = cpu(lambda: identify(record, 40.0), 3)
     print(f"  all bands, 10 min at 40 Hz, samples to modes: {whole:.3f}")
     return figures | {"ten_minutes_cpu_s": round(whole, 2)}
@@ -193,32 +186,6 @@ def every_uncertainty(samples: FloatArray, *, rows: int, orders: Sequence[int]) 
         moved = state_deviations(order_deviations(projected, system), chosen)
         frequency_damping_deviations(system.poles, pole_deviations(moved), 1 / 30)
         shape_deviations(moved)
-
-
-def sliding_update(record: FloatArray) -> tuple[float, float]:
-    """CPU time of a window of 540 s from scratch, and of the same window slid there by 54 s."""
-    band = Band(1, 40.0, 0.5, 18.0, 100, tuple(range(2, 62, 2)))
-    settings = OmaSettings()
-    n_window, block = 540 * 40, 540
-    n_blocks = (n_window - 200) // block
-    offset = record.mean(axis=0)
-
-    def slid_there() -> float:
-        ring = CovarianceRing(band, block_length=block, n_blocks=n_blocks + 5)
-        ring.push(record[:n_window])
-        begin = time.process_time()
-        ring.push(record[n_window : n_window + 4 * block])
-        covariances = ring.covariances(4, n_blocks, offset)
-        modes_of_covariances(covariances, band, settings)
-        return time.process_time() - begin
-
-    own = record[4 * block : 4 * block + n_window]
-
-    def from_scratch() -> None:
-        covariances = lag_covariances(own, n_lags=200, block_length=block, offset=offset)
-        modes_of_covariances(covariances, band, settings)
-
-    return cpu(from_scratch), float(np.median([slid_there() for _ in range(5)]))
 
 
 def peak_memory(function: Callable[[], object]) -> float:

@@ -30,7 +30,7 @@ from pipeline.runtime.source_feed import with_end
 from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.simulation.acquisition_units import read_by_units, unit_layouts
-from tests.pipeline.histories import YEAR, DigestIdentifier, digest
+from tests.pipeline.histories import YEAR, digest
 from tests.pipeline.nodes.test_identification import RATE, START
 from tests.pipeline.nodes.test_wrong_clocks import FIVE, UNITS
 
@@ -160,7 +160,6 @@ def violations(seed: int, *, disturbed: bool = False) -> list[str]:
     history = UnitHistory.of(seed)
     history = history.disturbed(seed) if disturbed else history
     with (
-        patch.object(window_identification, "StreamingIdentifier", DigestIdentifier),
         patch.object(window_identification, "identify", digest),
         TemporaryDirectory() as folder,
         TemporaryDirectory() as other,

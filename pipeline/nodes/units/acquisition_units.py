@@ -354,11 +354,12 @@ class UnitSession:
     def needed(self) -> dict[str, int]:
         """First sample of each unit that is not in an answered window."""
         hop = self._settings.hop * self._rate
-        return {self._unit: self._origin + round(self.windows.next_index * hop)}
+        first = self._origin + self.windows.shift
+        return {self._unit: first + round(self.windows.next_index * hop)}
 
     def state(self) -> dict[str, Any]:
         """Return what a restart needs beside the samples, as JSON can say it."""
-        return {"window": self.windows.next_index, "origin": self._origin}
+        return {"window": self.windows.next_index, "origin": self._origin + self.windows.shift}
 
     def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered."""

@@ -1,8 +1,8 @@
 """Lag covariances of the outputs by time blocks, and which channels serve as their references.
 
-A block's covariances need its own samples and those that follow it, nothing else: they are
-computed once, when the block is complete, and belong to every window that holds the block
-(`streaming.py`). The decomposition that follows, most of the work, is each window's own.
+A window that slid by a tenth shares most of its blocks with the one before; keeping their
+covariances saves a fiftieth of the work, for the decomposition is each window's own. They are
+computed anew.
 
 References are the channels that lag covariances are taken with. With all n channels every pair is
 used. A few good ones (where every mode moves, with little noise) make the Hankel matrix narrower
@@ -29,22 +29,6 @@ ALL = slice(None)
 MOST_PAIRS = 1024  # channels × references that are chosen by themselves
 FEWEST_REFERENCES = 4
 EXPLAINED = 1e-6  # of a channel's variance: less is left where the others know it [-]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BlockCovariances:
-    """What one time block adds to the lag covariances, whatever the window's mean will be.
-
-    Over the block's m samples t: means of y_{t+τ} y_tᵀ, of y_{t+τ} and of y_t.
-    """
-
-    products: FloatArray  # (n_lags + 1, n_channels, n_references), lags τ = 0..n_lags
-    ahead: FloatArray  # mean of y_{t+τ}, (n_lags + 1, n_channels)
-    squares: FloatArray  # mean of y_t², (n_channels,)
-
-    def with_references(self, references: References) -> "BlockCovariances":
-        """The same block with some of its references."""
-        return BlockCovariances(self.products[:, :, references], self.ahead, self.squares)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,15 +67,13 @@ def lag_covariances(
     n_lags: int,
     block_length: int,
     references: References = ALL,
-    offset: FloatArray | None = None,
 ) -> LagCovariances:
     """Lag covariances of a record in consecutive time blocks, channels scaled to unit rms.
 
-    samples        y, (n, n_channels)
+    samples        y, (n, n_channels), free of offset
     n_lags         L: lags 1..L [samples]
     block_length   m [samples]; the record holds (n − L) // m blocks, what is left over is unused
     references     channels that y_t runs over; all by default
-    offset         taken off every sample, (n_channels,); none by default
 
         R_τ^(b) = 1/m Σ_{t in block b} y_{t+τ} y_tᵀ
 
@@ -99,37 +81,30 @@ def lag_covariances(
     covariance of the whole record. Raises ValueError for a record shorter than two blocks.
     """
     n_blocks = (len(samples) - n_lags) // block_length
-    blocks = [
-        block_covariances(
-            samples[start : start + block_length + n_lags], n_lags=n_lags, references=references
-        )
-        for start in range(0, n_blocks * block_length, block_length)
-    ]
-    no_offset = np.zeros(samples.shape[1])
-    return joined(blocks, offset=no_offset if offset is None else offset, references=references)
-
-
-def block_covariances(
-    samples: FloatArray, *, n_lags: int, references: References = ALL
-) -> BlockCovariances:
-    """What one time block adds: its m samples and the n_lags that follow, (m + n_lags, n_channels).
-
-    By FFT: the cost is that of the samples, not of samples × lags.
-    """
-    length = len(samples) - n_lags
-    sums = np.concatenate([np.zeros((1, samples.shape[1])), np.cumsum(samples, axis=0)])
-    return BlockCovariances(
-        products=_lagged_products(samples, n_lags, references) / length,
-        ahead=(sums[length : length + n_lags + 1] - sums[: n_lags + 1]) / length,
-        squares=np.mean(samples[:length] ** 2, axis=0),
+    if n_blocks < 2:
+        raise ValueError(f"{n_blocks} time blocks are too few for a covariance; 2 are needed")
+    starts = range(0, n_blocks * block_length, block_length)
+    products = np.stack(
+        [
+            lagged_products(samples[start : start + block_length + n_lags], n_lags, references)[1:]
+            / block_length
+            for start in starts
+        ]
     )
+    squares = np.mean(
+        [np.mean(samples[start : start + block_length] ** 2, axis=0) for start in starts], axis=0
+    )
+    scales = np.where(squares > 0, np.sqrt(np.abs(squares)), 1.0)
+    products /= np.outer(scales, scales[references])
+    return LagCovariances(products, scales)
 
 
-def _lagged_products(samples: FloatArray, n_lags: int, references: References) -> FloatArray:
+def lagged_products(samples: FloatArray, n_lags: int, references: References = ALL) -> FloatArray:
     """Σ_t y_{t+τ} y_tᵀ over all samples t but the last n_lags, (n_lags + 1, channels, references).
 
     By segments as long as the lags, whose cross spectra are added before one inverse transform:
-    a transform of the whole block would spend itself on lags that are not used.
+    a transform of the whole block would spend itself on lags that are not used. The cost is that
+    of the samples, not of samples × lags.
     """
     length, n_channels = len(samples) - n_lags, samples.shape[1]
     step = min(length, n_lags)
@@ -145,29 +120,6 @@ def _lagged_products(samples: FloatArray, n_lags: int, references: References) -
     here = fft.rfft(starting.transpose(1, 0, 2), n_fft, axis=0)
     cross_spectra = ahead @ here.conj()
     return np.asarray(fft.irfft(cross_spectra, n_fft, axis=0, overwrite_x=True)[: n_lags + 1])
-
-
-def joined(
-    blocks: Sequence[BlockCovariances], *, offset: FloatArray, references: References = ALL
-) -> LagCovariances:
-    """The covariances of a window from those of its blocks, without offset, scaled to unit rms.
-
-    With P the products, a_τ the means of y_{t+τ} and the offset μ taken off,
-        Σ (y_{t+τ} − μ)(y_t − μ_r)ᵀ/m = P_τ − a_τ μ_rᵀ − μ (a_0r − μ_r)ᵀ,  _r of the references
-    """
-    if len(blocks) < 2:
-        raise ValueError(f"{len(blocks)} time blocks are too few for a covariance; 2 are needed")
-    products = np.stack([block.products[1:] for block in blocks])
-    squares = np.mean([block.squares for block in blocks], axis=0)
-    if offset.any():
-        ahead, mean = np.stack([block.ahead for block in blocks]), offset[references]
-        here = ahead[:, :1]  # a_0
-        products -= ahead[:, 1:, :, None] * mean
-        products -= offset[:, None] * (here[..., None, references] - mean)
-        squares -= offset * (2 * here.mean(axis=(0, 1)) - offset)
-    scales = np.where(squares > 0, np.sqrt(np.abs(squares)), 1.0)
-    products /= np.outer(scales, scales[references])
-    return LagCovariances(products, scales)
 
 
 def block_hankel(covariances: FloatArray, block_rows: int) -> FloatArray:
@@ -213,11 +165,6 @@ def settings_for_channels(settings: OmaSettings, channel_names: Sequence[str]) -
     return replace(settings, reference_channels=left or None)
 
 
-def takes_some(n_channels: int, settings: OmaSettings) -> bool:
-    """Whether so many channels cannot all be references, and nobody has named any."""
-    return settings.reference_channels is None and n_channels**2 > MOST_PAIRS
-
-
 def with_bounded_references(
     samples: FloatArray, channel_names: Sequence[str], settings: OmaSettings
 ) -> OmaSettings:
@@ -228,8 +175,8 @@ def with_bounded_references(
     is taken off. What only one channel feels, its noise, is chosen last.
     """
     n_channels = samples.shape[1]
-    if not takes_some(n_channels, settings):
-        return settings
+    if settings.reference_channels is not None or n_channels**2 <= MOST_PAIRS:
+        return settings  # all of them, or those that somebody has named
     scales = samples.std(axis=0)
     scaled = (samples - samples.mean(axis=0)) / np.where(scales > 0, scales, 1.0)
     left = scaled.T @ scaled / len(scaled)

@@ -6,21 +6,21 @@
         ／／／／／／／／／／／／                drift: the converter's rate is not the nominal one
 
 Order, gaps and windows go by the count; the stamps are data that are checked here. A drift that is
-no chance is taken out of the frequencies.
+no chance is resampled out.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from pipeline.messages import Mode, StabilisationDiagram
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
-from sensors.arrays import FloatArray
+from sensors.acquisition.resampling import HALF_LENGTH, interpolated
+from sensors.arrays import BoolArray, FloatArray
 
 CLOCK_ERROR = 0.01  # of a converter's rate, at most [-]
-CORRECTED_DRIFT = 10e-6  # of stamps, beyond which frequencies follow them [-]
+CORRECTED_DRIFT = 10e-6  # of stamps, beyond which samples are read at their instants [-]
 FEWEST_FOR_LINE = 20  # that a line is fitted to
 OUTLYING_STAMP = 5.0  # median deviations beyond which a stamp does not count
 LEAST_STAMP_SCATTER = 1e-6  # of stamps about the line [s]
@@ -28,6 +28,7 @@ LEAST_STEP = 0.02  # of the stamps that turns a window's line by more than 50 pp
 CERTAIN_JUMP = 8.0  # median deviations of the jumps beyond which one is a step
 COMPARED_STAMPS = 5  # before and after a step; fewer that are off are late stamps
 MOST_STEPS_TAKEN_OUT = 5  # that are taken out of a line
+AT_ONCE = 1000  # samples that are read by one product: what a kernel's length of each of them takes
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,40 +164,47 @@ def stamp_of(block: AccelerationBlock) -> tuple[int, int]:
     return block.first_sample, block.start_ns
 
 
-def modes_in_true_time(modes: Sequence[Mode], clock: ClockFit | None) -> tuple[Mode, ...]:
-    """Modes of a window on the time of its stamps.
+def at_nominal_rate(samples: FloatArray, ratio: float) -> FloatArray:
+    """Samples of a converter that is off, as a true one takes them from the first one on.
+
+    Parameters
+    ----------
+    samples : ndarray of shape (n, n_channels)
+        NaN where missing.
+    ratio : float
+        True sampling rate over the nominal one [-].
+
+    Returns
+    -------
+    ndarray of shape (m, n_channels)
+        m = 1 + ⌊(n − 1) / ratio⌋, the same where the ratio is 1. What lies beside a missing sample
+        is missing.
 
     Notes
     -----
-    Identification counts samples. Where the stamps run (1 + δ) times as fast as the nominal count,
-    the true rate is 1/(1 + δ) of the nominal one; frequencies and their standard deviations scale
-    with the rate, damping ratios and shapes do not depend on it.
+    Sample i of a true converter is taken at position i · ratio. Missing samples are bridged by
+    straight lines while others are read, so that a gap does not spread over the kernel's length.
     """
-    ratio = 1.0 if clock is None else clock.true_rate
-    return tuple(modes) if ratio == 1.0 else tuple(_scaled(mode, ratio) for mode in modes)
-
-
-def _scaled(mode: Mode, ratio: float) -> Mode:
-    factor = mode.covariance_factor.copy()
-    factor[0] *= ratio
-    return replace(
-        mode,
-        frequency=mode.frequency * ratio,
-        frequency_std=mode.frequency_std * ratio,
-        covariance_factor=factor,
+    if ratio == 1.0 or not len(samples):
+        return samples
+    positions = np.arange(1 + int((len(samples) - 1) / ratio)) * ratio
+    missing = np.isnan(samples)
+    before = np.floor(positions).astype(int)
+    lost = missing[before] | missing[np.minimum(before + 1, len(samples) - 1)]
+    whole = _bridged(samples, missing)
+    read = np.concatenate(
+        [
+            interpolated(whole[first:], part - first)
+            for part in np.array_split(positions, max(1, len(positions) // AT_ONCE))
+            for first in [max(0, int(part[0]) - HALF_LENGTH)]
+        ]
     )
+    return np.where(lost, np.nan, read)
 
 
-def diagram_in_true_time(
-    diagram: StabilisationDiagram, clock: ClockFit | None
-) -> StabilisationDiagram:
-    """The window's diagram on the same time."""
-    ratio = 1.0 if clock is None else clock.true_rate
-    if ratio == 1.0:
-        return diagram
-    return replace(
-        diagram,
-        frequencies=(diagram.frequencies * ratio).astype(np.float32),
-        frequency_stds=(diagram.frequency_stds * ratio).astype(np.float32),
-        refused=tuple(replace(each, frequency=each.frequency * ratio) for each in diagram.refused),
-    )
+def _bridged(samples: FloatArray, missing: BoolArray) -> FloatArray:
+    whole, numbers = samples.copy(), np.arange(len(samples))
+    for channel, gone in zip(whole.T, missing.T, strict=True):
+        if gone.any() and not gone.all():
+            channel[gone] = np.interp(numbers[gone], numbers[~gone], channel[~gone])
+    return whole

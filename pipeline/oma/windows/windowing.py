@@ -5,6 +5,9 @@ blocks   0 1 2 4 3 5 6 6 7 9 …       out of order, repeated, missing
 pieces   0 1 2 3 4 5 6 7 ▒ 9 …       in order, each sample once, gaps known
   │ WindowCutter
 windows  |—— 0 ——|—— 1 ——|—▒ 2 ——|   from the session's first sample; the third is rejected
+
+A window lasts as long by the stamps as it should. Where they show a converter that is off, it has
+more samples or fewer, which are read at the instants at which a true one takes them.
 """
 
 import math
@@ -15,7 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.oma.preprocessing import MOST_MISSING
-from pipeline.oma.windows.unit_clock import ClockFit, ClockStep, clock_step, fit_clock, stamp_of
+from pipeline.oma.windows.unit_clock import (
+    CLOCK_ERROR,
+    ClockFit,
+    ClockStep,
+    at_nominal_rate,
+    clock_step,
+    fit_clock,
+    stamp_of,
+)
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.arrays import FloatArray
 
@@ -122,9 +133,9 @@ class Window:
     end_ns: int  # one sample after its last [ns]
     sampling_rate: float  # [Hz]
     layout_id: str
-    samples: (
-        FloatArray  # (n, n_channels) [m/s²]; NaN in a gap; empty where more than 5 % is missing
-    )
+    samples: FloatArray
+    """(n, n_channels) [m/s²], at the nominal rate: a drift that the stamps show is taken out. NaN
+    in a gap; empty where more than 5 % is missing."""
     gaps: tuple[MissingSamples, ...] = ()  # that fall into it
     status: BlockStatus = BlockStatus.OK  # what the unit reported in any of its blocks
     complete: bool = True  # False: the session ended inside it
@@ -162,6 +173,8 @@ class WindowCutter:
     _steps: list[ClockStep] = field(default_factory=list)
     _index: int = 0  # of the next window
     _passed_over: int = 0  # windows before it that are not cut
+    _shift: int = 0  # by which a converter's drift has moved its first sample
+    _used: int = 0  # one past the last sample of the window before it
     _reached: int = 0  # samples since the session's start that came or are known to be missing
     _newest: AccelerationBlock | None = None
 
@@ -175,13 +188,18 @@ class WindowCutter:
         self._skip_to(piece.first_sample)
         self._pieces.append(_Piece(piece.first_sample, piece.start_ns, piece.samples, piece.status))
         self._reached = piece.first_sample + len(piece.samples)
-        while self._reached >= self._bounds(self._index)[1]:
+        while self._reached >= self._bounds(self._index)[1] and self._reached >= self._end():
             yield self._cut(complete=True)
 
     @property
     def next_index(self) -> int:
         """Number of the next window."""
         return self._index
+
+    @property
+    def shift(self) -> int:
+        """By how many samples the next window begins later than the nominal rate has it."""
+        return self._shift
 
     def begin_at(self, index: int) -> None:
         """Begin with window `index`, those before having been answered."""
@@ -199,7 +217,7 @@ class WindowCutter:
         assert self._newest is not None
         hop = self.hop * self._newest.sampling_rate
         overlapping = math.ceil(self.window_duration / self.hop)
-        reached = math.floor(sample / hop) - overlapping
+        reached = math.floor((sample - self._shift) / hop) - overlapping
         if reached - self._index > MOST_SINGLE_REJECTIONS:
             self._passed_over += reached - self._index
             self._index = reached
@@ -208,21 +226,49 @@ class WindowCutter:
         """The session is over: the window it ended in, if it holds samples that no other had."""
         if self._newest is None:
             return
-        used = self._bounds(self._index - 1)[1] if self._index else 0
+        used = self._used or (self._bounds(self._index - 1)[1] if self._index else 0)
         if self._reached > used:
-            yield self._cut(complete=False)
+            yield self._cut(complete=self._lacks_drift_alone())
+
+    def _lacks_drift_alone(self) -> bool:
+        """Whether the last window would be whole if its converter took as many samples as it says,
+        and lacks no more than a clock may be off by."""
+        _, end = self._bounds(self._index)
+        lacking = self._end() - self._reached
+        return self._reached >= end - self._shift and lacking <= CLOCK_ERROR * self._size
+
+    @property
+    def _size(self) -> int:
+        """Samples of a window at the nominal rate."""
+        assert self._newest is not None
+        return round(self.window_duration * self._newest.sampling_rate)
 
     def _bounds(self, index: int) -> tuple[int, int]:
-        """First sample of a window and one past its last."""
+        """First sample of a window and one past its last, where the rate is the nominal one."""
         assert self._newest is not None
-        rate = self._newest.sampling_rate
-        first = round(index * self.hop * rate)
-        return first, first + round(self.window_duration * rate)
+        first = round(index * self.hop * self._newest.sampling_rate) + self._shift
+        return first, first + self._size
+
+    def _clock(self) -> ClockFit | None:
+        """Of the next window's stamps; None where they are few or step."""
+        assert self._newest is not None
+        first, end = self._bounds(self._index)
+        if any(first < step.first_sample < end for step in self._steps):
+            return None
+        inside = [p for p in self._pieces if p.end > first and p.first_sample < end]
+        stamps = [(piece.first_sample, piece.start_ns) for piece in inside]
+        return fit_clock(stamps, self._newest.sampling_rate)
+
+    def _end(self) -> int:
+        """One past the last sample that the next window is read from."""
+        first, end = self._bounds(self._index)
+        ratio = _rate_ratio(self._clock())
+        return end if ratio == 1.0 else first + math.ceil((self._size - 1) * ratio) + 1
 
     def _cut(self, *, complete: bool) -> Window:
         assert self._newest is not None
-        first, end = self._bounds(self._index)
-        end = end if complete else min(end, self._reached)
+        clock = self._clock()
+        first, end = self._bounds(self._index)[0], min(self._end(), self._reached)
         inside = [p for p in self._pieces if p.end > first and p.first_sample < end]
         gaps = [
             g for g in self._gaps if g.first_sample + g.n_samples > first and g.first_sample < end
@@ -234,7 +280,7 @@ class WindowCutter:
         start_ns = self._time_of(first)
         rate = self._newest.sampling_rate
         end_ns = start_ns + round((end - first) / rate * NANOSECONDS)
-        stamps = [(piece.first_sample, piece.start_ns) for piece in inside]
+        samples = _joined(inside, first, end, self._newest.samples.shape[1])
         window = Window(
             index=self._index,
             start_ns=start_ns,
@@ -242,16 +288,17 @@ class WindowCutter:
             end_ns=end_ns if steps else self._time_of(end, of=end - 1),
             sampling_rate=rate,
             layout_id=self._newest.layout_id,
-            samples=_joined(inside, first, end, self._newest.samples.shape[1]),
+            samples=at_nominal_rate(samples, _rate_ratio(clock))[: self._size],
             gaps=tuple(gaps),
             status=status,
             complete=complete,
             first_sample=first,
             steps=steps,
-            clock=None if steps else fit_clock(stamps, rate),
+            clock=clock,
             passed_over=self._passed_over,
         )
-        self._index, self._passed_over = self._index + 1, 0
+        self._index, self._passed_over, self._used = self._index + 1, 0, end
+        self._shift += round((_rate_ratio(clock) - 1.0) * self.hop * rate)
         self._forget_before(self._bounds(self._index)[0])
         return window
 
@@ -269,6 +316,11 @@ class WindowCutter:
             del self._pieces[0]
         self._gaps = [g for g in self._gaps if g.first_sample + g.n_samples > sample]
         self._steps = [s for s in self._steps if s.first_sample > sample]
+
+
+def _rate_ratio(clock: ClockFit | None) -> float:
+    """True sampling rate over the nominal one [-]; 1 where a clock is too wrong to go by."""
+    return 1.0 if clock is None or clock.exceeds(CLOCK_ERROR) else clock.true_rate
 
 
 def _joined(pieces: list[_Piece], first: int, end: int, n_channels: int) -> FloatArray:

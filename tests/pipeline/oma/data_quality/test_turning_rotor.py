@@ -6,8 +6,6 @@ from scipy.signal import lfilter
 
 from pipeline.oma.data_quality.turning_rotor import TurningRotor, turning_rotor
 from pipeline.oma.identification import identify
-from pipeline.oma.settings import OmaSettings
-from pipeline.oma.streaming import StreamingIdentifier
 from sensors.arrays import FloatArray
 from tests.benchmarks.close_modes import bending_pair, triplet
 
@@ -82,14 +80,10 @@ def test_more_channels_than_lines_beside_a_harmonic_and_a_dead_pair_are_no_obsta
     assert rotor_of(np.column_stack([samples, samples[:, 0]])) is not None
 
 
-def test_windows_of_an_array_and_of_a_stream_carry_the_same_warning() -> None:
-    samples = with_rotor(70_361, 0.1, wander=0.003)
-    settings = OmaSettings(window_duration=DURATION, hop=DURATION / 4)
-    stream = StreamingIdentifier(RATE, samples.shape[1], settings)
-    stream.push(samples)
-    for found in (identify(samples, RATE, settings), stream.identify(0, samples)):
-        (text,) = [each.text for each in found.warnings if each.code == "turning-rotor"]
-        assert "Hz are harmonics of one speed: a rotor turns, at 6.5 rpm" in text
+def test_a_rotor_is_told_of_in_words_with_its_speed() -> None:
+    found = identify(with_rotor(70_361, 0.1, wander=0.003), RATE)
+    (text,) = [each.text for each in found.warnings if each.code == "turning-rotor"]
+    assert "Hz are harmonics of one speed: a rotor turns, at 6.5 rpm" in text
 
 
 def test_a_window_whose_speed_is_known_is_not_warned_of() -> None:

@@ -6,8 +6,11 @@ clock      T                                           T + 26 s
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
+
 from pipeline.oma.windows.windowing import BlockOrder, MissingSamples, WindowCutter
-from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from tests.pipeline.example_messages import SAMPLING_RATE, START_NS, block
 
 
@@ -38,3 +41,85 @@ def test_a_gap_has_as_many_blocks_as_are_missing() -> None:
     given = [each for number in (0, 4, *range(5, 12)) for each in order.push(block(number))]
     (gap,) = (each for each in given if isinstance(each, MissingSamples))
     assert (gap.first_sequence, gap.n_blocks, gap.n_samples) == (1, 3, 120)
+
+
+TONES = (0.31, 2.7, 11.0)  # [Hz]
+SAMPLES = round(60 * SAMPLING_RATE)  # of a window
+
+
+def converted(ppm: float, n_seconds: int) -> list[AccelerationBlock]:
+    """Blocks of 40 samples of three tones by a converter that is slow by so much; stamps are
+    right."""
+    period = (1 + 1e-6 * ppm) / SAMPLING_RATE
+    times = period * np.arange(40 * n_seconds)
+    tones = np.column_stack([np.sin(2 * np.pi * f * times) for f in TONES])
+    return [
+        replace(
+            block(0),
+            sequence=number,
+            first_sample=40 * number,
+            start_ns=START_NS + round(40 * number * period * NANOSECONDS),
+            samples=tones[40 * number : 40 * (number + 1)].astype(np.float32),
+        )
+        for number in range(n_seconds)
+    ]
+
+
+def true_samples(start: float, n: int = SAMPLES) -> np.ndarray:
+    """What a converter at its rate takes from a time on [s]."""
+    times = start + np.arange(n) / SAMPLING_RATE
+    return np.column_stack([np.sin(2 * np.pi * f * times) for f in TONES])
+
+
+@pytest.mark.parametrize("ppm", [-2500.0, -100.0, 100.0, 2500.0])
+@pytest.mark.parametrize("hop", [60.0, 20.0])
+def test_a_window_of_a_drifting_converter_holds_what_a_true_one_takes(
+    ppm: float, hop: float
+) -> None:
+    """Of the seconds that it should hold: the third window begins as late as a true one's."""
+    cutter = WindowCutter(window_duration=60.0, hop=hop)
+    windows = [window for each in converted(ppm, 240) for window in cutter.push(each)][:3]
+    assert len(windows) == 3
+    for number, window in enumerate(windows):
+        start = window.first_sample * (1 + 1e-6 * ppm) / SAMPLING_RATE
+        assert start == pytest.approx(number * hop, abs=0.6 * (number + 1) / SAMPLING_RATE)
+        assert window.samples.shape == (SAMPLES, len(TONES))
+        assert window.duration == pytest.approx(60.0, abs=2 / SAMPLING_RATE)
+        inside = slice(40, -40)  # at its ends the signal counts as constant
+        error = (window.samples - true_samples(start))[inside]
+        assert abs(error).max() < 3e-3
+
+
+def test_a_second_that_a_drifting_converter_lost_is_missing_and_no_more() -> None:
+    blocks = converted(-1000.0, 61)
+    del blocks[30]
+    gap = MissingSamples(1200, 40, 30, 1, blocks[29].end_ns, blocks[30].start_ns)
+    cutter = WindowCutter(window_duration=60.0, hop=60.0)
+    (window,) = (w for each in (*blocks[:30], gap, *blocks[30:]) for w in cutter.push(each))
+    missing = np.isnan(window.samples).any(axis=1)
+    assert 40 <= missing.sum() <= 42
+    beside = np.flatnonzero(~missing)
+    error = (window.samples - true_samples(0.0))[beside[40:-40]]
+    assert np.sqrt((error**2).mean()) < 0.02
+
+
+@pytest.mark.parametrize("ppm", [-1500.0, 1500.0])
+def test_a_record_of_whole_windows_by_count_loses_none_to_its_converters_drift(ppm: float) -> None:
+    """Three minutes by count are a quarter of a second more or less."""
+    cutter = WindowCutter(window_duration=60.0, hop=60.0)
+    windows = [window for each in converted(ppm, 180) for window in cutter.push(each)]
+    windows += cutter.finish()
+    assert [window.complete for window in windows[:3]] == [True] * 3
+    assert len(windows[2].samples) >= 0.99 * SAMPLES
+
+
+def test_a_window_that_a_restart_begins_with_is_the_same() -> None:
+    blocks = converted(-2500.0, 200)
+    whole = WindowCutter(window_duration=60.0, hop=60.0)
+    windows = [window for each in blocks for window in whole.push(each)]
+    again = WindowCutter(window_duration=60.0, hop=60.0)
+    again.begin_at(1)
+    origin = windows[1].first_sample - SAMPLES  # where windows begin at the nominal rate
+    later = [replace(each, first_sample=each.first_sample - origin) for each in blocks[60:]]
+    second = next(window for each in later for window in again.push(each))
+    np.testing.assert_array_equal(second.samples, windows[1].samples)
