@@ -12,7 +12,10 @@ ring-down  a burst of 5 times the rms in the first modes, decaying as these do; 
 lost       5 % of one-second blocks without samples; 1 s without one channel
 
 found      one identified mode each, within max(3 std, .2 %), MAC .8 (.5 where the shape std
-           exceeds .3); phantoms are the identified modes left over within 7 %
+           exceeds .3)
+left over  identified modes within 7 % that match none, each the best of a hidden mode that nothing
+           else matches: `wrong_shapes` lie within max(3 std, .2 %) of it, `wrong_frequencies` have
+           its shape (MAC .8) farther off, and `phantoms` are those that no hidden mode is left for
 """
 
 from collections.abc import Callable, Sequence
@@ -156,7 +159,12 @@ class Matched:
     """How a record's hidden modes were found."""
 
     found: int
+    wrong_shapes: int
+    """Left over where a hidden mode is, of another shape."""
+    wrong_frequencies: int
+    """Left over with the shape of a hidden mode, farther from it than their std allow."""
     phantoms: int
+    """Left over, of no hidden mode."""
     one_group: bool
     """All that was reported of the hidden ones shares one `pair_id`."""
     z: tuple[float, ...]
@@ -168,19 +176,46 @@ def matched(record: Hidden) -> Matched:
     modes = identify(record.samples, record.sampling_rate).modes
     near = [m for m in modes if 0.93 * hidden.min() < m.frequency < 1.07 * hidden.max()]
     free, z = list(near), []
-    for f, shape in zip(hidden, record.shapes, strict=False):
-        alike = [m for m in free if _is(m, float(f), shape)]
+    unmatched: list[tuple[float, FloatArray]] = []
+    for f, shape in zip(hidden.tolist(), record.shapes, strict=False):
+        alike = [m for m in free if is_at(m, f) and has_shape(m, shape)]
         if alike:
             best = min(alike, key=lambda m: abs(m.frequency - f))
             free.remove(best)
             z.append((best.frequency - f) / best.frequency_std)
+        else:
+            unmatched.append((f, shape))
     ids = {mode.pair_id for mode in near}
-    return Matched(len(z), len(free), len(near) > 1 and len(ids) == 1 and "" not in ids, tuple(z))
+    one_group = len(near) > 1 and len(ids) == 1 and "" not in ids
+    return Matched(len(z), *left_over(free, unmatched), one_group, tuple(z))
 
 
-def _is(mode: Mode, frequency: float, shape: FloatArray) -> bool:
-    if abs(mode.frequency - frequency) > max(3 * mode.frequency_std, 0.002 * frequency):
-        return False
+def left_over(
+    modes: Sequence[Mode], unmatched: Sequence[tuple[float, FloatArray]]
+) -> tuple[int, int, int]:
+    """How many modes that match none are of a wrong shape, of a wrong frequency, and phantoms.
+
+    unmatched   frequency [Hz] and shape of each hidden mode that none matches; each counts once
+    """
+    counts, free, rest = [], list(modes), list(unmatched)
+    for is_of in (lambda m, f, shape: is_at(m, f), lambda m, f, shape: has_shape(m, shape)):
+        before = len(free)
+        for hidden in list(rest):
+            of_it = [m for m in free if is_of(m, *hidden)]
+            if of_it:
+                free.remove(min(of_it, key=lambda m: abs(m.frequency - hidden[0])))
+                rest.remove(hidden)
+        counts.append(before - len(free))
+    return counts[0], counts[1], len(free)
+
+
+def is_at(mode: Mode, frequency: float) -> bool:
+    """Whether a frequency [Hz] lies within max(3 std, .2 %) of a mode's."""
+    return abs(mode.frequency - frequency) <= max(3 * mode.frequency_std, 0.002 * frequency)
+
+
+def has_shape(mode: Mode, shape: FloatArray) -> bool:
+    """Whether a mode has a shape: MAC .8, or .5 where its own shape is vague."""
     mac = _mac(mode.shape, shape)
     return mac > 0.8 or (mac > 0.5 and float(mode.shape_std.max()) > 0.3)
 
@@ -198,6 +233,8 @@ def hidden_figures(draw: Callable[[int], Hidden], seeds: Sequence[int]) -> dict[
         "records": len(each),
         "all_found": float(np.mean([one.found == wanted for one in each])),
         "all_or_one_group": float(np.mean([one.found == wanted or one.one_group for one in each])),
+        "wrong_shapes": sum(one.wrong_shapes for one in each),
+        "wrong_frequencies": sum(one.wrong_frequencies for one in each),
         "phantoms": sum(one.phantoms for one in each),
         "within_2_std": float(np.mean(np.abs(z) < 2)),
         "within_1.645_std": float(np.mean(np.abs(z) < 1.645)),

@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 from pipeline.oma.identification import identify
 from sensors.arrays import FloatArray
 from tests.benchmarks._seeded import report, seeded_options, seeds_of
-from tests.benchmarks.close_modes import Hidden, _is, bending_pair
+from tests.benchmarks.close_modes import Hidden, bending_pair, has_shape, is_at
 
 WANDER, CORRELATION = 0.01, 30.0  # std of the speed over its mean [-], time [s]
 
@@ -57,7 +57,7 @@ def figures(seeds: Sequence[int], *, known: bool) -> dict[str, float]:
         for f, shape, zeta in zip(
             record.frequencies[:2], record.shapes, record.damping_ratios, strict=False
         ):
-            alike = [mode for mode in free if _is(mode, float(f), shape)]
+            alike = [m for m in free if is_at(m, float(f)) and has_shape(m, shape)]
             if alike:
                 best = min(alike, key=lambda mode: abs(mode.frequency - f))
                 free.remove(best)

@@ -13,6 +13,7 @@ from tests.benchmarks.close_modes import (
     ambient,
     bending_pair,
     hidden_figures,
+    left_over,
     lost_figures,
     pair,
     ring_down,
@@ -22,7 +23,7 @@ from tests.benchmarks.close_modes import (
 
 def test_two_first_bending_modes_are_two_and_no_phantom_is_left() -> None:
     found = hidden_figures(bending_pair, range(60_001, 60_009))
-    assert found["phantoms"] <= 1
+    assert found["phantoms"] + found["wrong_shapes"] + found["wrong_frequencies"] <= 1
     assert found["all_found"] >= 0.75
     assert found["within_2_std"] >= 0.8
 
@@ -30,6 +31,17 @@ def test_two_first_bending_modes_are_two_and_no_phantom_is_left() -> None:
 def test_overlapping_modes_with_shapes_apart_are_both_found() -> None:
     found = hidden_figures(lambda seed: pair(seed, 0.015), range(60_001, 60_009))
     assert found["all_found"] >= 0.75
+
+
+def test_the_benchmark_tells_phantoms_from_modes_of_a_wrong_shape_or_frequency() -> None:
+    one, other = np.array([1.0, 0.2, -0.4]), np.array([-0.2, 1.0, 0.5])
+    factor = np.full((5, 1), 0.002)
+    mode = Mode("", 2.0, 0.002, 0.01, 0.002, one, factor, 0)
+    assert left_over([mode], [(2.003, other)]) == (1, 0, 0)
+    assert left_over([mode], [(2.02, one)]) == (0, 1, 0)
+    assert left_over([mode], [(2.02, other)]) == (0, 0, 1)
+    assert left_over([mode, mode], [(2.003, other)]) == (1, 0, 1)
+    assert left_over([mode], []) == (0, 0, 1)
 
 
 def test_triplets_are_not_lost_without_a_word() -> None:
