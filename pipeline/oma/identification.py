@@ -39,7 +39,7 @@ from pipeline.oma.ssi.bands import Band, plan_bands
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
 from pipeline.oma.ssi.covariance import References, references_among, with_bounded_references
 from pipeline.oma.ssi.stabilization import PoleCloud, integrations_of
-from pipeline.oma.whittle.lone_modes import Sharpened, sharpened
+from pipeline.oma.whittle.lone_modes import Sharpened, borne_out, sharpened
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.spectral_peaks import LOWEST_PEAK
 from pipeline.oma.whittle.unseen_modes import bandwidth_share, with_unseen
@@ -248,7 +248,8 @@ def _fitted(
     resolved = with_lone_modes(resolved, judged.vague_shapes, spectrum)
     if not stationary:
         return Sharpened(resolved.modes, resolved.refused)
-    by_lines = sharpened(resolved.modes, resolved.refused, judged.doubtful, spectrum, settings)
+    founded = borne_out(resolved.modes, resolved.refused, spectrum)
+    by_lines = sharpened(founded.modes, founded.refused, judged.doubtful, spectrum, settings)
     if by_lines.too_dense:
         return by_lines
     modes = with_unseen(by_lines.modes, judged.harmonics, spectrum, settings, reach=reach)

@@ -6,6 +6,10 @@ from typing import ClassVar
 from sensors.errors import InputError
 from sensors.settings import NO_KEY
 
+HIGHEST_RELATIVE = (
+    0.45  # of a sampling rate: above it the anti-alias filter or the sensor rolls off
+)
+
 
 class OmaSettingsError(InputError):
     """An identification setting that cannot be right; the message names the setting."""

@@ -257,6 +257,8 @@ def _lone_spikes(y: FloatArray) -> NDArray[np.bool_]:
     size = np.abs(off)
     robust_std = 1.4826 * np.median(size)
     far_off = size > SPIKE_SIZE * (robust_std if robust_std > 0 else np.inf)
+    if not far_off.any():
+        return far_off
     # it throws its neighbours off by half its own size; what lies further is undisturbed
     around = np.ones(2 * SPIKE_SURROUNDINGS + 1, dtype=bool)
     around[SPIKE_SURROUNDINGS - 1 : SPIKE_SURROUNDINGS + 2] = False

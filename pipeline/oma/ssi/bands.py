@@ -20,9 +20,7 @@ from dataclasses import dataclass, replace
 from math import sqrt
 
 from pipeline.oma.preprocessing import HIGH_PASS_BAND, high_pass_taps
-from pipeline.oma.settings import OmaSettings, OmaSettingsError
-
-HIGHEST_RELATIVE = 0.45  # of a band's rate: above it the anti-alias filter or the sensor rolls off
+from pipeline.oma.settings import HIGHEST_RELATIVE, OmaSettings, OmaSettingsError
 
 
 @dataclass(frozen=True, slots=True)

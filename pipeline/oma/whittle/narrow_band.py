@@ -7,6 +7,7 @@ import numpy as np
 from scipy import linalg
 
 from pipeline.oma.preprocessing import lines_of_channels
+from pipeline.oma.settings import HIGHEST_RELATIVE
 from sensors.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 
@@ -68,6 +69,9 @@ LEAST_OF_A_LINE = 0.3  # share of its power: with less it is hardly more than wh
 class WindowSpectrum:
     """Fourier transform of a window without a taper: lines k/T are nearly independent.
 
+    Lines above the frequencies at which modes are sought are in no band and no flank: there a
+    recorder's filter takes a part of the background away, which a fit would lay to its modes.
+
     samples        (n, n_channels), free of offset
     integrations   how often each channel's acceleration is integrated, (n_channels,)
     left           of each line's power, where a rotor's harmonics were taken off, (n // 2 + 1,):
@@ -86,6 +90,8 @@ class WindowSpectrum:
     ) -> None:
         n, n_channels = samples.shape
         self.duration = n / sampling_rate
+        self.last = int(HIGHEST_RELATIVE * n)
+        """Line up to which bands and flanks reach."""
         rms = np.sqrt(np.mean(samples**2, axis=0))
         self._scales = np.where(rms > 0, rms, 1.0)
         none = np.zeros(n_channels, dtype=np.int64)
@@ -100,7 +106,7 @@ class WindowSpectrum:
     def band(self, low: float, high: float, n_together: int = 1) -> NarrowBand:
         """Lines from a frequency to another [Hz], so many taken together."""
         first = max(1, round(low * self.duration))
-        last = min(len(self._lines) - 2, round(high * self.duration))
+        last = min(self.last, round(high * self.duration))
         n_bins = max(0, last - first + 1) // n_together
         stretch = slice(first, first + n_bins * n_together)
         binned = self._lines[stretch].reshape(n_bins, n_together, -1)
@@ -135,11 +141,6 @@ class WindowSpectrum:
         first = max(0, int(low * self.duration - reach))
         return bool((self._left[first : int(high * self.duration + reach) + 1] > WHOLE).all())
 
-    @property
-    def n_lines(self) -> int:
-        """Of the whole spectrum."""
-        return len(self._lines)
-
     def powers_over_flank(self, low: float, high: float, half_bandwidth: float) -> FloatArray:
         """Power at resonances over that beside them, direction by direction, largest first [-].
 
@@ -167,7 +168,7 @@ class WindowSpectrum:
     def running_sums(self, stride: int, last: float) -> FloatArray:
         """Re y_k y_kᴴ of all lines before each block of so many lines, as far as a place [lines],
         (n_blocks + 1, n_channels, n_channels)."""
-        n_blocks = min(int(last // stride) + 1, len(self._lines) // stride)
+        n_blocks = min(int(last // stride) + 1, (self.last + 1) // stride)
         blocks = self._lines[: n_blocks * stride].reshape(n_blocks, stride, -1)
         sums = np.zeros((n_blocks + 1, blocks.shape[2], blocks.shape[2]))
         np.cumsum((blocks.transpose(0, 2, 1) @ blocks.conj()).real, axis=0, out=sums[1:])
@@ -177,7 +178,7 @@ class WindowSpectrum:
         """Mean of Re y_k y_kᴴ over the lines whose distance from f is in between [Hz]."""
         centre, T = frequency * self.duration, self.duration
         low, high = int(np.ceil(centre - farthest * T)), int(np.floor(centre + farthest * T))
-        numbers = np.arange(max(1, low), min(len(self._lines) - 1, high) + 1)
+        numbers = np.arange(max(1, low), min(self.last, high) + 1)
         chosen = numbers[np.abs(numbers - centre) >= nearest * T]
         lines, left = self._lines[chosen], float(self._left[chosen].sum())
         return np.asarray((lines.T @ lines.conj()).real / left) if left > 0 else None

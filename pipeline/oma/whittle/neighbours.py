@@ -15,6 +15,7 @@ from pipeline.messages import Mode
 from pipeline.oma.whittle.fit import (
     COLOUR,
     WhittleFit,
+    cost_of_background,
     every_parameter,
     fitted,
     modes_of_fit,
@@ -73,6 +74,12 @@ class AroundMode:
         """The neighbours alone in the same lines; None where there are none."""
         return replace(self, modes=self.modes[1:]).fitted() if len(self.modes) > 1 else None
 
+    def evidence_of_first(self, fit: WhittleFit) -> float:
+        """ln of the Bayes factor of a fit of all modes over one without the first [nats]."""
+        without, n_lines = self.without_first(), self.band.n_lines
+        cost = cost_of_background(self.band) if without is None else without.bayes_cost(n_lines)
+        return cost - fit.bayes_cost(n_lines)
+
     def _start(self) -> CloseModes:
         """The modes as the poles have them, with the forces that their lines need."""
         band = self.band
@@ -116,7 +123,7 @@ def around_mode(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) ->
             low = max(low, each.frequency + clear)
         else:
             high = min(high, each.frequency - clear)
-    edges = _edges(low * T, min(high * T, spectrum.n_lines - 2), modes, T)
+    edges = np.minimum(_edges(low * T, min(high * T, spectrum.last), modes, T), spectrum.last + 1)
     narrow = min(mode.frequency - low, high - mode.frequency) < SIDE_WIDTHS * width
     if narrow or len(edges) <= FEWEST_BINS:
         return None

@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.whittle.fit import WhittleFit, cost_of_background, modes_of_fit
+from pipeline.oma.whittle.fit import WhittleFit, modes_of_fit
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import (
     AroundMode,
@@ -32,6 +32,7 @@ LEFT_BY_NEIGHBOURS = 50.0  # rise of ln p that a mode more may promise near one 
 # of 145 such fits (`structures`, seeds 110001 to 110060) three left 21 to 42, all right; of a
 # parked tower (seed 8500) those with a hidden partner left 85 to 265
 LEFT_BY_HIDDEN = 15.0  # that makes one more worth a fit: `EVIDENCE_OF_UNSEEN` and a margin
+MOST_OFF_WIDTH = 2.0  # of a half bandwidth over that which a fit's bins and band are made for [-]
 NEAR_WIDTHS = 2.5  # half bandwidths within which another mode shares a resonance
 FLANK_WIDTHS = 5.0  # half bandwidths of a mode within which another of its shape is its flank
 FLANK_SHAPE = 0.9  # MAC of these
@@ -72,13 +73,34 @@ def with_unseen(
         if failures >= MOST_UNSEEN_FAILURES:
             break
         start = _at_peak(peak, spectrum)
-        around = around_mode(start, [*result, *harmonics], spectrum)
-        found = [] if around is None else _by_evidence(around, settings)
+        found = _believed(start, [*result, *harmonics], spectrum, settings)
         if found and stands_out(found[0], result, spectrum):
             result.append(found[0])
         else:
             failures += 1
     return sorted(result, key=lambda each: each.frequency)
+
+
+def _believed(
+    start: Mode, others: Sequence[Mode], spectrum: WindowSpectrum, settings: OmaSettings
+) -> list[Mode]:
+    """A mode that no pole shows and its neighbours, in the lines that its own width asks for.
+
+    A peak may be sought ten times as wide as the mode behind it: the bins of its band are then too
+    coarse for the resonance, and the band reaches over whatever lies there.
+    """
+    around = around_mode(start, others, spectrum)
+    found = [] if around is None else _by_evidence(around, settings)
+    if not found or _as_wide(found[0], start):
+        return found
+    around = around_mode(found[0], others, spectrum)
+    return [] if around is None else _by_evidence(around, settings)
+
+
+def _as_wide(mode: Mode, start: Mode) -> bool:
+    """Whether the band of what a fit begins with is about that of what it ends with."""
+    ratio = half_bandwidth(mode) / half_bandwidth(start)
+    return 1 / MOST_OFF_WIDTH <= ratio <= MOST_OFF_WIDTH
 
 
 def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode]:
@@ -98,14 +120,7 @@ def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode]:
         and LEAST_COLOUR <= fit.modes.colours[0] <= MOST_COLOUR
         and left_near_first(fit, around.band) <= LEFT_BY_NEIGHBOURS
     )
-    return modes if known and _evidence_of_first(around, fit) > EVIDENCE_OF_UNSEEN else []
-
-
-def _evidence_of_first(around: AroundMode, fit: WhittleFit) -> float:
-    """ln of the Bayes factor of the modes over all but the first [nats]."""
-    without, n_lines = around.without_first(), around.band.n_lines
-    cost = cost_of_background(around.band) if without is None else without.bayes_cost(n_lines)
-    return cost - fit.bayes_cost(n_lines)
+    return modes if known and around.evidence_of_first(fit) > EVIDENCE_OF_UNSEEN else []
 
 
 def _known_peak(mode: Mode, spectrum: WindowSpectrum) -> KnownPeak:
@@ -151,8 +166,7 @@ def hidden_beside(
     if left_near_first(fit, of_mode.band) <= LEFT_BY_HIDDEN:
         return None
     known = [first_mode(fit, of_mode.band), *others]
-    around = around_mode(hidden_by_first(of_mode, fit), known, spectrum)
-    found = [] if around is None else _by_evidence(around, settings)
+    found = _believed(hidden_by_first(of_mode, fit), known, spectrum, settings)
     if not found or over_bound(found[0], spectrum) > STANDS_OUT:
         return None
     return None if any(_shares_resonance(found[0], each) for each in found[1:]) else found[0]

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.messages import Mode, RefusedMode
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.whittle.lone_modes import by_its_lines, sharpened
+from pipeline.oma.whittle.lone_modes import borne_out, by_its_lines, sharpened
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from sensors.arrays import FloatArray
 from tests.benchmarks.close_modes import ambient
@@ -77,3 +77,20 @@ def test_a_flank_of_a_mode_is_none_of_its_own() -> None:
     result = sharpened([known], [reason], [(flank, reason)], spectrum, OmaSettings())
     assert [mode.frequency for mode in result.modes] == [known.frequency]
     assert result.refused == (reason,)
+
+
+def test_a_vague_pole_of_noise_is_refused_and_one_of_a_mode_stays() -> None:
+    """Both are stable to the poles, and their f and ζ known to half the half bandwidth."""
+    for seed in range(6):
+        window = lines([TRUE_F], [SHAPE], seed)
+        true, of_noise = pole(TRUE_F, std=0.005), pole(0.7, std=0.004, shape=SHAPE[::-1])
+        found = borne_out([of_noise, true], [], window)
+        assert found.modes == (true,)
+        (reason,) = found.refused
+        assert reason.code == "explained"
+        assert reason.frequency == of_noise.frequency
+
+
+def test_lines_are_asked_of_no_mode_that_is_well_known() -> None:
+    sharp = replace(pole(0.7, std=0.002), damping_ratio_std=0.003)
+    assert borne_out([sharp], [], lines([TRUE_F], [SHAPE], 1)).modes == (sharp,)

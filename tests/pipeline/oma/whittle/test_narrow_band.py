@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.whittle.narrow_band import WindowSpectrum
+from pipeline.oma.settings import HIGHEST_RELATIVE
+from pipeline.oma.whittle.narrow_band import WindowSpectrum, peaks_and_flanks
 
 RATE = 10.0
 
@@ -39,6 +40,19 @@ def test_a_stretch_is_whole_where_no_harmonic_is_near() -> None:
     _, rest = taken_off(0.4)
     assert rest.is_whole(0.4, 0.4, 0.002)
     assert not rest.is_whole(0.49, 0.49, 0.002)
+
+
+def test_neither_bands_nor_flanks_reach_above_the_frequencies_that_are_sought() -> None:
+    """Lines there are a hundred times as strong."""
+    lines = np.fft.rfft(np.random.default_rng(3).standard_normal((6000, 2)), axis=0)
+    lines[int(HIGHEST_RELATIVE * 6000) + 1 :] *= 10.0
+    spectrum = WindowSpectrum(np.fft.irfft(lines, axis=0), RATE)
+    band = spectrum.band(4.0, 5.0, 10)
+    assert band.numbers[-1] + 5 <= HIGHEST_RELATIVE * 6000
+    assert band.powers[-6:].mean() < 2 * band.powers[:6].mean()
+    assert spectrum.powers_over_flank(4.4, 4.4, 0.02).min() > 0.5
+    at, beside = peaks_and_flanks(spectrum.running_sums(2, 3000.0), 2, np.array([2600.0]), 12.0)
+    assert np.trace(beside[0]) < 2 * np.trace(at[0])
 
 
 @pytest.mark.parametrize("frequency", [0.3, 2.0])

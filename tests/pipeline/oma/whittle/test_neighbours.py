@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Mode, RefusedMode
-from pipeline.oma.settings import OmaSettings
+from pipeline.oma.settings import HIGHEST_RELATIVE, OmaSettings
 from pipeline.oma.whittle import neighbours
 from pipeline.oma.whittle.lone_modes import sharpened, with_neighbours
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
@@ -76,6 +76,16 @@ def test_bins_are_fine_at_the_sharp_mode_and_coarse_beside_it() -> None:
     assert band.n_together[sharp] == 1
     assert band.n_together.max() > 10
     assert band.n_lines == pytest.approx(band.numbers[-1] - band.numbers[0], abs=40)
+
+
+def test_the_last_bin_ends_where_modes_are_sought_no_longer() -> None:
+    """A wide mode near half the rate, whose bins are wide, too."""
+    high = replace(pole(0), frequency=4.0, damping_ratio=0.1)
+    around = around_mode(high, [], window(2))
+    assert around is not None
+    numbers, together = around.band.numbers, around.band.n_together
+    assert numbers[-1] + together[-1] / 2 <= HIGHEST_RELATIVE * RATE * 600 + 1
+    assert numbers[-1] > 0.97 * HIGHEST_RELATIVE * RATE * 600
 
 
 def test_a_neighbour_that_is_not_known_leaves_the_pole_as_it_is() -> None:
