@@ -191,13 +191,19 @@ def _of_workers(environment: dict[str, int]) -> dict[str, int]:
 
 
 def _replace_lost(cluster: Any, count: int) -> None:
-    """New processes for those that died while they were starting: nothing else restarts these."""
+    """New processes for those that died while they were starting: nothing else restarts these.
+
+    Nor those that took longer to come back than Dask waits (15 s): it closes their guards and
+    forgets them, but still counts them among the workers it has, so that asking for as many as it
+    counts starts them.
+    """
     from distributed.core import Status
 
     ended = (Status.closed, Status.failed)
-    lost = sum(guard.status in ended for guard in list(cluster.workers.values()))
-    if len(cluster.worker_spec) < count + lost:
-        cluster.scale(count + lost)
+    guards = list(cluster.workers.values())
+    lost = sum(guard.status in ended for guard in guards)
+    if len(guards) < count + lost:
+        cluster.scale(max(count + lost, len(cluster.worker_spec)))
 
 
 @contextmanager

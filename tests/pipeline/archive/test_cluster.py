@@ -5,6 +5,7 @@ from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from types import SimpleNamespace
 
+import dask
 import pytest
 from distributed import LocalCluster
 from distributed.client import FutureCancelledError
@@ -110,6 +111,20 @@ def test_a_worker_that_nobody_restarts_is_replaced(monkeypatch: pytest.MonkeyPat
         (outcome,) = workers.outcomes([Call("after all", squared, 5)])
 
     assert outcome.result == 25
+
+
+def test_a_worker_that_is_forgotten_while_it_starts_again_is_replaced(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """On a loaded machine it takes longer than Dask waits, which then closes its guard."""
+    monkeypatch.setattr(cluster, "QUIET_WORKERS", 0.5)
+    with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "1 ms"}),
+        local_workers(1) as workers,
+    ):
+        (outcome,) = workers.outcomes([Call("fatal once", killed_once, tmp_path / "marker")])
+
+    assert outcome.result == "done"
 
 
 def test_workers_of_a_cluster_do_the_same(two_workers: Workers) -> None:
