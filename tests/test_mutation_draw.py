@@ -2,6 +2,7 @@
 
 import ast
 
+from tests.mutation.__main__ import LISTS, ROOT, excused, faults_of
 from tests.mutation.draw import changes_of, drawn
 
 SOURCE = '''def f(a: int, b: int = 2) -> int:
@@ -30,3 +31,18 @@ def test_the_same_seed_draws_the_same_faults_each_a_module_that_can_be_read() ->
         lines = SOURCE.splitlines()
         lines[line - 1] = lines[line - 1][:start] + new + lines[line - 1][end:]
         ast.parse("\n".join(lines))
+
+
+def test_every_listed_fault_has_one_place_and_tests_that_are_there() -> None:
+    modules = [file for top in ("sensors", "pipeline") for file in (ROOT / top).rglob("*.py")]
+    text = "\0".join(file.read_text(encoding="utf-8") for file in modules)
+
+    def has_one_place(old: str) -> bool:
+        first = text.find(old)
+        return first >= 0 and text.find(old, text.find("\0", first)) < 0
+
+    faults = [(name, fault) for name in LISTS for fault in faults_of(name)]
+    assert [(name, each["what"]) for name, each in faults if not has_one_place(each["old"])] == []
+    tests = {test.split("::")[0] for _, fault in faults for test in fault["tests"]}
+    assert [test for test in sorted(tests) if not (ROOT / test).exists()] == []
+    assert excused().keys() <= {fault["what"] for _, fault in faults}
