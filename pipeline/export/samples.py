@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pipeline.export.table_file import TIMESTAMP, Format
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.files.text.column_titles import distinct
 
 
 def samples_schema(
@@ -31,7 +32,7 @@ def samples_schema(
     titles = (
         [f"ch{number + 1} [m/s²]" for number in range(block.samples.shape[1])]
         if layout is None or len(layout.channels) != block.samples.shape[1]
-        else [f"{_plain(channel.name)} [{channel.unit}]" for channel in layout.channels]
+        else _titles(layout)
     )
     about = {
         "turbine": block.turbine,
@@ -57,6 +58,12 @@ def sample_times(block: AccelerationBlock) -> NDArray[np.int64]:
     """Return the times of a block's samples, shape (n_samples,) [ns since 1970-01-01 UTC]."""
     since_start = np.arange(len(block.samples)) * (NANOSECONDS / block.sampling_rate)
     return np.asarray(block.start_ns + np.rint(since_start).astype(np.int64))
+
+
+def _titles(layout: SensorLayout) -> list[str]:
+    names = distinct([_plain(channel.name) for channel in layout.channels])
+    units = [channel.unit for channel in layout.channels]
+    return [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
 
 
 def _plain(name: str) -> str:

@@ -271,10 +271,12 @@ def _modes_headline(record: TurbineRecord) -> str:
     frequencies = [mode.frequency for mode in summary.modes]
     if not frequencies:
         return "No mode was identified."
-    modes, windows = len(frequencies), len(summary.estimates)
+    modes, windows = len(frequencies), count_noun(len(summary.estimates), "window")
+    lowest, highest = (f"{each:.3g}" for each in (min(frequencies), max(frequencies)))
+    where = f"at {lowest}" if lowest == highest else f"between {lowest} and {highest}"
     return (
-        f"{count_noun(modes, 'mode')} between {min(frequencies):.3g} and {max(frequencies):.3g} Hz "
-        f"{'was' if modes == 1 else 'were'} identified in {count_noun(windows, 'window')}."
+        f"{count_noun(modes, 'mode')} {where} Hz {'was' if modes == 1 else 'were'} "
+        f"identified in {windows}."
     )
 
 

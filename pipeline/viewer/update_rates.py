@@ -23,7 +23,7 @@ class UpdateRates:
     @property
     def playback_speed(self) -> float:
         """Sensor seconds per second of playback at which a shape's period is two seconds [-]."""
-        return max(1.0, self.swing / 2.0)
+        return self.swing / 2.0
 
 
 # Large chunks: a small file.

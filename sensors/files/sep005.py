@@ -80,12 +80,12 @@ def join_channels(
     """
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
+    channels = _with_names(channels)
     if wanted.time.column and wanted.stamps:
         channels = _with_time(channels, wanted.time, path)
     if not wanted.names:
         channels = _without_ramps(channels, path)
-    names = distinct([str(channel.get("name") or "") for channel in channels])
-    chosen = wanted.among(names)
+    chosen = wanted.among([channel["name"] for channel in channels])
     channels = [channels[i] if wanted.stamps else _convert_numbers(channels[i]) for i in chosen]
     channels = [_dated(channel, path, wanted.time.zone) for channel in channels]
     columns = [_samples(channel, path) for channel in channels]
@@ -96,7 +96,7 @@ def join_channels(
         strict=True,
     )
     return ChannelTable(
-        names=tuple(names[i] for i in chosen),
+        names=tuple(channel["name"] for channel in channels),
         units=units,
         samples=samples * np.array(factors),
         times=times,
@@ -104,6 +104,12 @@ def join_channels(
         stated_rate=None if rate is None else float(rate),
         stated_quantities=tuple(_QUANTITIES.get(str(each.get("quantity"))) for each in channels),
     )
+
+
+def _with_names(channels: Sequence[Sep005Channel]) -> list[Sep005Channel]:
+    """Return the channels of a whole file by names that differ, whichever of them are read."""
+    names = distinct([str(channel.get("name") or "") for channel in channels])
+    return [{**channel, "name": name} for channel, name in zip(channels, names, strict=True)]
 
 
 def _without_ramps(channels: Sequence[Sep005Channel], path: Path) -> list[Sep005Channel]:
@@ -145,7 +151,7 @@ def list_channels(channels: Sequence[Sep005Channel], path: Path) -> ChannelTable
         raise FileError(f"{path}: there is no channel of numbers in it")
     units = [in_standard_unit(str(channel.get("unit_str") or ""))[0] for channel in channels]
     return ChannelTable(
-        names=tuple(distinct([str(channel.get("name") or "") for channel in channels])),
+        names=tuple(channel["name"] for channel in _with_names(channels)),
         units=tuple(units),
         samples=np.empty((0, len(channels))),
         times=None,
@@ -156,7 +162,7 @@ def _with_time(
     channels: Sequence[Sep005Channel], time: TimeColumn, path: Path
 ) -> list[Sep005Channel]:
     """Return the other channels, stamped by the one that is stated to be the time."""
-    names = [str(channel.get("name") or "") for channel in channels]
+    names = [channel["name"] for channel in channels]
     if time.column not in names:
         raise FileError(
             f"{path}: no series {time.column!r} to be the time; it has {', '.join(names)}"

@@ -10,6 +10,7 @@
     python -m tests.mutation.draw --seed 186001 --faults 40 --without numerics faults fresh \\
         drawn again third fourth fifth   (13 modules are left; 27 more by seed 186002 over all)
     python -m tests.mutation.draw --seed 20261201 --faults 80 --without fifth sixth
+    python -m tests.mutation.draw --seed 20261217 --faults 60   (ninth)
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it; and those that hold what is published and
@@ -43,8 +44,11 @@ EXCHANGED = {
     "min": "max", "max": "min", "any": "all", "all": "any", "minimum": "maximum",
     "maximum": "minimum", "mean": "sum", "floor": "ceil", "ceil": "floor", "cos": "sin",
     "sin": "cos", "argmin": "argmax", "argmax": "argmin", }  # fmt: skip
+ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+WITHOUT_EFFECT = {"strict", "no_wrap"}  # a guard against errors of the code; a terminal's lines
 MOST_TESTS = 4  # modules of tests that are run for a fault
 SLOW = {"acceptance", "outside", "reproduction", "test_browser.py", "test_flow.py"}  # minutes each
+API = "pipeline/api/"  # what stands in it is imported as of the top: `pilewatch`
 PUBLISHED = "tests/pipeline/test_published.py"  # what these rooms say, and every default
 PUBLISHING = {"cli", "export", "monitoring", "recording", "report", "state"}
 KEYS = "tests/test_scenario_keys.py"  # what settings take
@@ -67,6 +71,8 @@ def _outside_of_texts(node: ast.AST) -> Iterator[ast.AST]:
     for name, value in ast.iter_fields(node):
         if name in ("annotation", "returns", "decorator_list"):
             continue
+        if isinstance(node, ast.keyword) and node.arg in WITHOUT_EFFECT:
+            continue
         for child in value if isinstance(value, list) else [value]:
             if not isinstance(child, ast.AST) or isinstance(child, ast.JoinedStr | ast.Raise):
                 continue
@@ -78,6 +84,8 @@ def _outside_of_texts(node: ast.AST) -> Iterator[ast.AST]:
 
 def _changes_at(node: ast.AST, lines: list[str]) -> Iterator[Change]:
     if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in COMPARED:
+        if isinstance(node.ops[0], ORDERED) and any(map(_is_measured_limit, _sides(node))):
+            return
         yield from _between(node.left, node.comparators[0], COMPARED[type(node.ops[0])], lines)
     elif isinstance(node, ast.BinOp) and type(node.op) in COMPUTED:
         yield from _between(node.left, node.right, COMPUTED[type(node.op)], lines)
@@ -99,6 +107,15 @@ def _changes_at(node: ast.AST, lines: list[str]) -> Iterator[Change]:
             yield _replaced(node, "pass", "a call is left out")
     elif isinstance(node, ast.AugAssign) and type(node.op) in COMPUTED:
         yield from _between(node.target, node.value, COMPUTED[type(node.op)], lines)
+
+
+def _sides(node: ast.Compare) -> tuple[ast.expr, ast.expr]:
+    return node.left, node.comparators[0]
+
+
+def _is_measured_limit(side: ast.expr) -> bool:
+    """Whether no measured figure lies on a limit, so that < and <= are the same."""
+    return isinstance(side, ast.Constant) and isinstance(side.value, float) and side.value != 0
 
 
 def _exchanged(called: ast.expr) -> Iterator[Change]:
@@ -175,10 +192,13 @@ def _importing(places: list[str], folder: Path, pattern: str) -> list[str]:
     """Return the files of a folder that import one of some modules."""
     words = []
     for place in places:
-        path = Path(place).with_suffix("")
+        path = Path(place.removeprefix(API)).with_suffix("")
+        path = path.parent if path.name == "__init__" else path
         dotted, package = ".".join(path.parts), ".".join(path.parent.parts)
         words.append(rf"(from {dotted} import|import {dotted}\b)")
         words.append(rf"from {package} import [^#]*?\b{path.name}\b")
+        if place.startswith(API):
+            words.append(rf"from \.{path.name} import")
     pattern_of_imports = re.compile("|".join(words))
     return [
         str(file.relative_to(ROOT))

@@ -1,6 +1,8 @@
 """What the title of a column states: its name, its unit, whether it is the time."""
 
 import re
+from collections.abc import Sequence
+from itertools import chain, count
 
 from sensors.files.table import (
     ACCELERATION_UNITS,
@@ -56,16 +58,22 @@ def is_unit(text: str) -> bool:
     return is_time or named or any(plain in units for units in known)
 
 
-def distinct(names: list[str]) -> list[str]:
-    """Return names without duplicates or blanks.
+def distinct(names: Sequence[str]) -> list[str]:
+    """Return names without duplicates or blanks; what one column is called no other becomes.
 
-    A blank becomes "ch3", a second "a" becomes "a.2".
+    A blank becomes "ch3", a second "a" becomes "a.2"; where that is taken, the next that is free.
     """
-    given = [name or f"ch{i + 1}" for i, name in enumerate(names)]
-    return [
-        name if given[:i].count(name) == 0 else f"{name}.{given[:i].count(name) + 1}"
-        for i, name in enumerate(given)
-    ]
+    taken = set(names)
+    found: dict[str, None] = {}
+    for place, given in enumerate(names, start=1):
+        name = given
+        if not given or given in found:
+            stem = given or f"ch{place}"
+            others = chain([stem], (f"{stem}.{number}" for number in count(2)))
+            name = next(each for each in others if each not in taken)
+            taken.add(name)
+        found[name] = None
+    return list(found)
 
 
 def is_time_title(name: str) -> bool:

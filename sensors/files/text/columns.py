@@ -27,7 +27,7 @@ from sensors.files.table import (
     in_standard_unit,
 )
 from sensors.files.text.arrow_values import values_of
-from sensors.files.text.column_titles import distinct, is_number_title, is_time_title, time_unit
+from sensors.files.text.column_titles import is_number_title, is_time_title, time_unit
 from sensors.files.text.time_column import ClockError, TextClock, iso
 
 logger = logging.getLogger(__name__)
@@ -225,7 +225,7 @@ def convert_batches(
     place = {number: i for i, number in enumerate(columns.used)}
     chosen = [columns.all[i] for i in columns.channels]
     units, factors = zip(*(in_standard_unit(each.unit) for each in chosen), strict=True)
-    names = tuple(distinct([each.name for each in chosen]))
+    names = tuple(each.name for each in chosen)
     seconds = _seconds_of(columns, place, path)
     for batch in batches:
         if not batch.num_rows:

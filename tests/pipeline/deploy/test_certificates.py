@@ -10,7 +10,9 @@ import pytest
 import zenoh
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.deploy.access import Unit, access_control, parse_unit, write_configurations
 from pipeline.deploy.certificates import CertificateError, Identity, make_certificates
 from pipeline.messages import (
@@ -189,3 +191,9 @@ def test_pythons_strict_checks_accept_both_sides(tmp_path: Path) -> None:
     shake_hands(client, server, wires)
     assert client.version() == "TLSv1.3"
     assert server.getpeercert()["subject"] == ((("commonName", "t1.tower"),),)
+
+
+def test_the_command_writes_what_a_machine_with_nodes_needs(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["certificates", str(tmp_path), "--node", "office", "--json"])
+    assert done.exit_code == 0
+    assert str(tmp_path / "office.json5") in json.loads(done.stdout)["written"]

@@ -148,6 +148,20 @@ def test_a_channels_name_cannot_break_the_table(tmp_path: Path) -> None:
     assert table.units == ("m/s²",) * 8
 
 
+def test_channels_that_differ_by_a_separator_have_columns_of_different_names(
+    tmp_path: Path,
+) -> None:
+    one, other = (
+        replace(each, name=name)
+        for each, name in zip(LAYOUT.channels, ("a,b", "a;b"), strict=False)
+    )
+    layout = replace(LAYOUT, channels=(one, other, *LAYOUT.channels[2:]))
+    path = recorded(tmp_path / "odd.mcap", [layout, block(0)])
+    (samples,) = export(path, tmp_path / "out", "parquet")
+    names = parquet.read_schema(samples.path).names
+    assert names[1:3] == ["a_b [m/s²]", "a_b.2 [m/s²]"]
+
+
 @pytest.mark.parametrize("form", ["csv", "parquet"])
 def test_every_result_has_its_row(form: table_file.Format, tmp_path: Path) -> None:
     found, truth = estimate(0), FoundationTruth("t1", START_NS, k11=1.0, k22=2.0, k12=3.0)

@@ -125,6 +125,20 @@ def test_what_short_lags_see_between_two_modes_that_longer_lags_resolve_is_their
     assert [each.frequency for each in between(mixed, std=3 * STD)] == [1.0, 1.08]
 
 
+@pytest.mark.parametrize(("std", "mixed"), [(0.01, False), (0.5, True)])
+def test_a_mixture_may_lie_off_its_modes_plane_in_the_direction_that_one_is_known_vaguely_in(
+    std: float, mixed: bool
+) -> None:
+    lower, upper = mode(1.0, 0, shape=LOWER_SHAPE), mode(1.08, 1, shape=UPPER_SHAPE)
+    factor = upper.covariance_factor.copy()
+    factor[4, 1] = std  # of the third channel
+    shape = 0.6 * LOWER_SHAPE + 0.4 * UPPER_SHAPE + np.array([0.0, 0.0, 0.6])
+    fast = mode(1.05, 2, std=3 * STD, shape=shape)
+    two = [lower, replace(upper, covariance_factor=factor)]
+    found = merged([two, [fast]], [SLOW, FAST])[1]
+    assert bool(found.between) == mixed
+
+
 def test_a_shape_of_its_own_or_a_frequency_known_better_is_no_mixture() -> None:
     mixed = 0.6 * LOWER_SHAPE + 0.4 * UPPER_SHAPE
     assert between(np.array([0.1, 0.3, 1.0]), std=3 * STD) == ()

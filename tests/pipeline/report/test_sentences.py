@@ -163,3 +163,20 @@ def test_modes_that_the_others_do_not_predict_are_a_share_or_none(
 def test_a_name_at_the_beginning_of_a_sentence_stays_as_it_is(name: str) -> None:
     assert sentence(f"{name} is unlike the others") == f"{name} is unlike the others."
     assert sentence("modes are few") == "Modes are few."
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "modes"),
+    [
+        ([0.16], "1 mode at 0.16 Hz was"),
+        ([0.1601, 0.1603], "2 modes at 0.16 Hz were"),
+        ([0.16, 2.571], "2 modes between 0.16 and 2.57 Hz were"),
+    ],
+)
+def test_modes_lie_between_two_frequencies_where_these_differ_as_they_are_written(
+    frequencies: list[float], modes: str, tmp_path: Path
+) -> None:
+    like = estimate(0).modes
+    found = [replace(mode, frequency=each) for mode, each in zip(like, frequencies, strict=False)]
+    record = record_of(tmp_path, [LAYOUT, replace(estimate(0), modes=tuple(found))])
+    assert headline(replace(record, has_structure=False)) == f"{modes} identified in 1 window."

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from sensors.feeds.protocol import FeedCounts
+from sensors.feeds.protocol import FeedCounts, FeedError
 from sensors.feeds.reconnect import LinkError, kept_connected
 
 
@@ -29,3 +29,16 @@ def test_pauses_double_from_half_a_second_to_thirty(monkeypatch: pytest.MonkeyPa
         asyncio.run(kept_connected(away, "feed", counts, once=False))
     assert waits == [0.5, 1, 2, 4, 8, 16, 30, 30, 30, 30, 30, 30]
     assert counts.problem == "no route"
+
+
+def test_a_link_that_is_tried_once_is_given_up_where_its_first_session_cannot_connect() -> None:
+    async def away() -> None:
+        raise LinkError("no route")
+
+    with pytest.raises(FeedError, match="feed cannot be reached: no route"):
+        asyncio.run(asyncio.wait_for(kept_connected(away, "feed", FeedCounts(), once=True), 0.2))
+
+
+def test_a_link_that_is_made_again_was_there_before() -> None:
+    counts = FeedCounts()
+    assert [counts.connect() for _ in range(3)] == [False, True, True]

@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 from sensors.files import formats
 from sensors.files.formats import channels_in, read_chunks, read_file
-from sensors.files.table import EVERYTHING, FileError, TimeColumn, dated
+from sensors.files.table import EVERYTHING, FileError, TimeColumn, Wanted, dated
 from tests.sensors.files.conftest import NAMES, RATE, SAMPLES, SECONDS, START_NS, WRITERS
 
 UNDATED = (".uff", ".outb")  # formats that do not store when the measurement began
@@ -144,6 +144,24 @@ def test_a_reader_of_another_package_plugs_in(
         read_file(path, "sep005_io_mine:broken")
     with pytest.raises(FileError, match=r"cannot be loaded .*package\.module:function is needed"):
         read_file(path, "sep005_io_mine.nothing")
+
+
+def test_a_channel_has_one_name_in_the_list_of_a_file_and_whatever_of_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sep005_io_plain.py").write_text(
+        "def read_plain(path):\n"
+        "    series = list(range(12)), [0.0, 1.0] * 6, [0.0, 2.0] * 6\n"
+        "    return [{'data': each, 'name': '', 'unit_str': 'g', 'fs': 50.0} for each in series]\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    path, reader = tmp_path / "measured.plain", "sep005_io_plain:read_plain"
+    path.write_bytes(b"\x07")
+    assert channels_in(path, reader).names == ("ch1", "ch2", "ch3")
+    every = read_file(path, reader)  # but the first, which counts its samples
+    assert every.names == ("ch2", "ch3")
+    second = read_file(path, reader, Wanted(names=frozenset({"ch2"})))
+    np.testing.assert_array_equal(second.samples, every.samples[:, :1])
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.constants import STANDARD_GRAVITY
 from sensors.files.formats import read_file
 from sensors.files.table import EVERYTHING, DateOrder, FileError, TimeColumn, dated
 
 RATE = 50.0  # [Hz]
+G = 9.80665  # [m/s²], by definition (CGPM 1901)
 START = np.datetime64("2024-03-13T12:00:00.250", "ns")
 START_NS = int(START.astype(np.int64))
 SAMPLES = np.round(np.random.default_rng(5).normal(size=(40, 2)), 6)  # [m/s²]
@@ -168,7 +168,7 @@ def test_what_numbers_the_samples_or_is_text_is_no_channel(
 ) -> None:
     text = "Sample,a [g],b [g],state\n" + rows(str, end=",OK\n")
     table = read_file(written(tmp_path / "a.csv", text))
-    np.testing.assert_allclose(table.samples, SAMPLES * STANDARD_GRAVITY)
+    np.testing.assert_allclose(table.samples, SAMPLES * G)
     assert table.sampling_rate is None
     assert "column 'state' holds text ('OK') and is left out" in caplog.text
 
@@ -241,7 +241,7 @@ def test_a_campbell_table_has_units_and_no_channel_of_its_record_counter(
     table = read_file(written(tmp_path / "a.dat", text))
     assert table.names == ("a", "b")
     assert table.units == ("m/s²", "m/s²")
-    factors = np.array([1.0, 1e-3 * STANDARD_GRAVITY])
+    factors = np.array([1.0, 1e-3 * G])
     np.testing.assert_allclose(table.samples, SAMPLES * factors, rtol=1e-15)
     assert table.start_ns == START_NS
     assert table.sampling_rate == pytest.approx(RATE)
@@ -265,7 +265,7 @@ def test_a_spreadsheets_empty_columns_at_the_end_need_no_titles(tmp_path: Path) 
     table = read_file(written(tmp_path / "a.csv", text))
     assert table.names == ("a", "b")
     assert table.units == ("m/s²", "m/s²")
-    np.testing.assert_allclose(table.samples, SAMPLES * STANDARD_GRAVITY, rtol=1e-6)
+    np.testing.assert_allclose(table.samples, SAMPLES * G, rtol=1e-6)
 
 
 def test_a_stated_rate_leaves_out_a_time_under_another_name(

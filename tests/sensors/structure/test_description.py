@@ -156,6 +156,14 @@ def test_a_mistake_in_the_rotor_is_named_too(right: str, wrong: str, message: st
         parse_turbine(text.replace(right, wrong, 1), source="mine.toml")
 
 
+def test_a_mistake_in_a_users_file_begins_with_its_path(tmp_path: Path) -> None:
+    path = tmp_path / "mast.txt"
+    path.write_text("water = 3\n")
+    with pytest.raises(TurbineError) as caught:
+        load_turbine(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
 def test_a_turbine_that_does_not_exist_is_one_line() -> None:
     with pytest.raises(TurbineError, match="nrel5mw: no such file; a turbine is one of iea15mw"):
         load_turbine("nrel5mw")

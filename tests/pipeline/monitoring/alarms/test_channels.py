@@ -1,6 +1,9 @@
 """A message arrives as it was sent, or its channel reports why not."""
 
+import asyncio
+import errno
 import json
+import os
 import socket
 import ssl
 import threading
@@ -63,6 +66,20 @@ def test_a_webhook_that_answers_an_error_or_nothing_has_failed() -> None:
             webhook.send(MESSAGE)
     with pytest.raises(DeliveryFailed, match="Connection refused"):
         webhook.send(MESSAGE)
+
+
+@pytest.mark.parametrize("number", [errno.EPERM, errno.ENETUNREACH])
+def test_why_a_system_makes_no_connection_is_in_its_own_words(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A firewall's rule is the first of all numbers."""
+
+    async def refused(*_: object) -> None:
+        raise OSError(number, "in a library's words")
+
+    monkeypatch.setattr(asyncio.SelectorEventLoop, "sock_connect", refused)
+    with pytest.raises(DeliveryFailed, match=os.strerror(number)):
+        Webhook("webhook-1", WebhookSettings("http://127.0.0.1:9/hook", "")).send(MESSAGE)
 
 
 @pytest.mark.parametrize(("status", "message_only"), [(400, True), (422, True), (503, False)])

@@ -102,3 +102,13 @@ def test_of_two_poles_of_one_order_the_nearer_one_to_the_centre_belongs_to_the_m
     (mode,) = clusters(twice, n_orders=20, minimum_presence=0.5)
     assert len(mode.members) == 20
     assert 20 not in mode.members
+
+
+def test_poles_have_the_spread_of_damping_that_they_differ_by() -> None:
+    """Half of them are .004 above the one that is kept, with the same weight: .004 / √2."""
+    poles = cloud([1.0] * 20, [1e-3] * 20, [ALONG] * 20)
+    (alike,) = clusters(poles, n_orders=20, minimum_presence=0.5)
+    assert alike.damping_spread == 0.0
+    ratios = np.where(np.arange(20) % 2 == 0, 0.01, 0.014)
+    (apart,) = clusters(replace(poles, damping_ratios=ratios), n_orders=20, minimum_presence=0.5)
+    assert apart.damping_spread == pytest.approx(0.004 / np.sqrt(2))

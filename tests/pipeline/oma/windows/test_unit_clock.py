@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.windows.unit_clock import ClockFit, fit_clock
+from pipeline.oma.windows.unit_clock import ClockFit, at_nominal_rate, fit_clock
 from sensors.acquisition.blocks import NANOSECONDS
 
 RATE = 40.0  # [Hz]
@@ -66,3 +66,14 @@ def test_stamps_in_coarse_units_follow_a_drift() -> None:
     assert found is not None
     assert found.drift == pytest.approx(2.5e-3, abs=2e-5)
     assert found.step == 0.0
+
+
+@pytest.mark.parametrize("ratio", [1.0 + 1e-3, 1.0 - 1e-3])
+def test_what_a_fast_or_slow_converter_took_is_read_at_the_instants_of_a_true_one(
+    ratio: float,
+) -> None:
+    taken, true = np.arange(2000) / (ratio * RATE), np.arange(1990) / RATE
+    wave = np.sin(2 * np.pi * 1.3 * taken)[:, None]
+    read = at_nominal_rate(wave, ratio)
+    assert len(read) == 1 + int(1999 / ratio)
+    np.testing.assert_allclose(read[20:1970, 0], np.sin(2 * np.pi * 1.3 * true)[20:1970], atol=1e-3)

@@ -99,3 +99,12 @@ def test_a_mode_of_one_sensor_alone_is_a_frequency_without_it() -> None:
     assert left_out.frequency == pytest.approx(0.3)
     assert left_out.frequency_std == pytest.approx(1e-3)
     assert not left_out.known[1:].any()
+
+
+def test_a_modes_damping_is_the_mean_of_its_windows() -> None:
+    observation = ModeObservation("m1", np.array([1.0, 1.0]), np.diag([1e-3, 0.0]), n_blocks=0)
+    mode = ModeEvidence.empty(observation)
+    for window, ratio in enumerate((0.01, 0.02, 0.06), start=1):
+        seen = replace(observation, damping_ratio=ratio)
+        mode = mode.with_observation(seen, window=window, weight=1.0, joint_covariance=False)
+    assert mode.damping_ratio == pytest.approx(0.03)

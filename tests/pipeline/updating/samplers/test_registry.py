@@ -52,6 +52,16 @@ def test_chains_start_round_the_peak_when_the_last_posterior_is_somewhere_else()
     assert np.abs(start - MEAN).max() < 0.3
 
 
+@pytest.mark.parametrize(("moved", "warm"), [(4.5, True), (5.5, False)])
+def test_the_peak_lies_in_the_last_posterior_up_to_five_of_its_standard_deviations(moved, warm):
+    middle = MEAN + moved * np.sqrt(np.diag(COVARIANCE)) * np.array([1.0, 0.0, 0.0])
+    along = np.diag(np.diag(COVARIANCE))
+    ensemble = np.random.default_rng(6).multivariate_normal(middle, along, size=4000)
+    target = gaussian(ensemble=ensemble).target
+    start = ensemble_start(target, CountedDensity(target.log_density), 40, np.random.default_rng(7))
+    assert (set(map(tuple, start)) <= set(map(tuple, ensemble))) == warm
+
+
 def test_chains_that_were_too_short_are_not_passed_over_in_silence():
     short = SamplerSettings(burn_in=5, block=10, most_steps=20)
     sampler = sampler_of(SamplingSettings(method="emcee"), short)

@@ -74,3 +74,23 @@ def test_what_is_left_out_of_the_comparison_does_not_count_as_a_gain() -> None:
         compared={"whole": 40, "part": 32},
     )
     assert whole == pytest.approx(part)
+
+
+def test_of_the_structures_those_stay_whose_support_is_like_ones_or_as_described() -> None:
+    nothing = cast(Any, None)
+    every = [
+        Alternative("", 0.4),
+        Alternative("reduced blades", 0.2),
+        Alternative("flooded", 0.2, "flooded"),
+        Alternative("flooded, reduced blades", 0.1, "flooded"),
+        Alternative("scoured", 0.1, "scoured"),
+    ]
+    inference = JointInference(
+        [(each, nothing) for each in every],
+        structure=nothing,
+        layout=nothing,
+        prior=nothing,
+        highest_sigma=0.1,
+    )
+    assert [each for each, _ in inference.with_support_of(every[3]).fits] == every[:4]
+    assert [each for each, _ in inference.with_support_of(every[1]).fits] == every[:2]

@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import re
+import socket
 import subprocess
 import sys
 import threading
@@ -125,3 +126,10 @@ Viewer([output], DESCRIPTION, session="x").close()
     assert delays
     assert {each.strip() for each in delays} == {"0"}
     assert "WARN" not in ran.stdout + ran.stderr
+
+
+def test_a_viewer_is_sought_on_the_machine_that_is_named() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as here:
+        url = f"rerun+http://127.0.0.2:{here.getsockname()[1]}/proxy"
+        with pytest.raises(ViewerError, match=r"no viewer listens there \(Connection refused\)"):
+            connection.open_recording(ConnectedViewer(url), recording_id="s")

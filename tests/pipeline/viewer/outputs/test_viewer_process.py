@@ -174,6 +174,15 @@ def test_a_port_that_another_program_has_is_replaced_for_a_page():
     assert free_port(taken) == taken
 
 
+def test_a_page_has_its_port_again_though_a_link_of_the_last_one_has_just_ended():
+    with socket.create_server(("127.0.0.1", 0)) as last:
+        port = last.getsockname()[1]
+        with socket.create_connection(("127.0.0.1", port)) as browser:
+            last.accept()[0].close()  # by the page, so that the system keeps the link for a while
+            assert browser.recv(1) == b""
+    assert free_port(port) == port
+
+
 def test_a_window_on_a_port_in_use_is_one_line_with_the_alternative():
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]

@@ -18,6 +18,7 @@ from pipeline.viewer.pictures.farm_overview import (
 from pipeline.viewer.pictures.status_text import SessionStatus
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import DESCRIPTION, START_NS, WINDOW, Episode, session
 
@@ -41,6 +42,18 @@ def farm(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
         viewer.handle(message)
     viewer.close()
     return Recorded(path)
+
+
+def test_of_turbines_without_a_sample_nothing_is_drawn_at_a_time_in_1970(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "s.rrd"
+    viewer = Viewer([RrdFile(path)], DESCRIPTION, session="s", strict=True)
+    layout = next(each for each in session(EPISODES[0]) if isinstance(each, SensorLayout))
+    for name in HOST_NAMES:
+        viewer.handle(replace(layout, turbine=name))
+    viewer.close()
+    assert Recorded(path).timelines == set()
 
 
 def statuses() -> list[SessionStatus]:

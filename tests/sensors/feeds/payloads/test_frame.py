@@ -50,6 +50,13 @@ def test_a_frame_that_was_cut_off_is_none(cut: int) -> None:
         decoded(encoded(frame())[:-cut])
 
 
+@pytest.mark.parametrize("shape", [(0, 2), (6, 0)])
+def test_a_frame_without_a_sample_is_refused(shape: tuple[int, int]) -> None:
+    empty = Frame(0, 1, 10**18, 40.0, np.zeros(shape), ())
+    with pytest.raises(FrameError, match=f"{shape[0]} samples of {shape[1]} channels"):
+        decoded(encoded(empty))
+
+
 def test_no_bit_of_a_signed_frame_can_be_changed() -> None:
     payload = encoded(frame(), KEY)
     for position in range(len(payload)):

@@ -4,8 +4,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from sensors.structure.decks.elastodyn import BLADE_ELEMENTS
 from sensors.structure.decks.windio import read_windio
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
@@ -122,3 +124,15 @@ def test_another_file_is_refused(tmp_path: Path, content: Any) -> None:
 def test_what_is_no_tower_of_version_2_is_named(tmp_path: Path, content: Any, reason: str) -> None:
     with pytest.raises(TurbineError, match=reason):
         read_windio(written(tmp_path, content), SPRINGS)
+
+
+def test_blades_are_equal_elements_with_the_mean_mass_of_the_files_between_their_ends(
+    tmp_path: Path,
+) -> None:
+    blades = read_windio(written(tmp_path, turbine()), SPRINGS).blades
+    assert blades is not None
+    ends = np.linspace(0.0, 60.0, BLADE_ELEMENTS + 1)
+    assert [each.outer for each in blades.elements] == pytest.approx(ends[1:])
+    middles = (ends[:-1] + ends[1:]) / 2
+    masses = [each.mass_per_length for each in blades.elements]
+    assert masses == pytest.approx(300 - 200 * middles / 60)
