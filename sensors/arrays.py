@@ -16,8 +16,9 @@ RealArray = NDArray[np.floating]  # of either precision
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Use one thread in numpy's linear algebra: small matrices are faster so, and sums do not
-    depend on how many cores there are, hence neither do results."""
+    """Use one thread in numpy's and scipy's linear algebra: small matrices are faster so, and sums
+    do not depend on how many cores there are, hence neither do results."""
+    import scipy.linalg  # noqa: F401  # has a BLAS of its own: what is not loaded is not limited
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1):

@@ -58,6 +58,9 @@ ENVIRONMENT_ERRORS = frozenset(
 
 
 LOG_FORMAT = "PILEWATCH_LOG_FORMAT"  # variable of the environment
+# The number of threads of the libraries that numpy and scipy compute with. They read it once, when
+# a command loads them, and the processes that it starts inherit it.
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 # What typer raises for wrong arguments; its class has no public name.
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
@@ -109,6 +112,8 @@ class ConsoleHandler(logging.Handler):
 
 def main() -> None:
     """Run `pilewatch`: wrong input becomes one line and exit code 2."""
+    for variable in BLAS_THREADS:  # small matrices: several threads only wait for each other
+        os.environ.setdefault(variable, "1")
     logging.basicConfig(
         level=logging.WARNING,
         format="%(message)s",

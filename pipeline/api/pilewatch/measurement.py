@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sensors.acquisition.layout import SensorLayout
-from sensors.arrays import FloatArray
+from sensors.arrays import FloatArray, one_blas_thread
 from sensors.files.table import ChannelTable, Quantity, TimeColumn, rate_of_stamps
 
 from .errors import InputError, require
@@ -216,6 +216,7 @@ def read(
     )
 
 
+@one_blas_thread()
 def simulate(
     scenario: str = "parked", *, duration: float | None = None, seed: int | None = None
 ) -> Measurement:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.messages import ModalEstimate, Mode, QualityWarning, WindowRejected
 from sensors.acquisition.layout import SensorLayout
-from sensors.arrays import FloatArray
+from sensors.arrays import FloatArray, one_blas_thread
 
 from .errors import InputError, require
 from .measurement import Measurement, measurement_of, positive
@@ -200,6 +200,7 @@ def _by_direction(layout: SensorLayout | None, n_channels: int) -> dict[str, lis
     }
 
 
+@one_blas_thread()
 def identify(
     samples: Measurement | str | os.PathLike[str] | ArrayLike,
     sampling_rate: float | None = None,

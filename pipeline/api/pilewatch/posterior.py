@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.messages import FoundationEvent, FoundationPosterior, QualityWarning, WindowRejected
 from sensors.acquisition.layout import SensorLayout
-from sensors.arrays import FloatArray
+from sensors.arrays import FloatArray, one_blas_thread
 
 from .errors import InputError, require
 from .modes import Modes, with_layout
@@ -130,6 +130,7 @@ class Posterior:
         return axes
 
 
+@one_blas_thread()
 def update(
     modes: Modes,
     structure: Structure | str | os.PathLike[str] | None = None,
@@ -238,20 +239,18 @@ def updated(
     from pipeline.nodes.updating import TurbineUpdating
     from pipeline.updating.structural.inference import joint_inference
     from pipeline.updating.updater import FoundationUpdater
-    from sensors.arrays import one_blas_thread
 
     settings, population = scenario.updating, scenario.population
-    with one_blas_thread():
-        joint = joint_inference(
-            structure.description, layout, settings, seed=scenario.seed, population=population
-        )
-        updater = FoundationUpdater(
-            structure.model(layout),
-            layout,
-            settings,
-            seed=scenario.seed,
-            population=population,
-            joint=joint,
-        )
-        node = TurbineUpdating(updater, layout, scenario.operation)
-        return [answer for estimate in estimates for answer in node.handle(estimate)]
+    joint = joint_inference(
+        structure.description, layout, settings, seed=scenario.seed, population=population
+    )
+    updater = FoundationUpdater(
+        structure.model(layout),
+        layout,
+        settings,
+        seed=scenario.seed,
+        population=population,
+        joint=joint,
+    )
+    node = TurbineUpdating(updater, layout, scenario.operation)
+    return [answer for estimate in estimates for answer in node.handle(estimate)]

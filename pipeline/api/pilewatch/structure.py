@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sensors.acquisition.layout import SensorLayout
-from sensors.arrays import FloatArray
+from sensors.arrays import FloatArray, one_blas_thread
 from sensors.structure.description import TurbineDescription, load_turbine
 
 from .errors import InputError, require
@@ -124,6 +124,7 @@ class Structure:
 
         return ModalModel(self.description, layout or self._default_layout())
 
+    @one_blas_thread()
     def modes(
         self, ratios: Sequence[float] = (1.0, 1.0, 1.0), layout: SensorLayout | None = None
     ) -> StructureModes:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from pipeline.messages import FoundationPosterior
 from pipeline.offline.identify_file import identify_file
@@ -245,3 +246,31 @@ def test_a_posterior_reads_as_median_and_half_of_its_90_percent_interval() -> No
     assert repr(pw.Posterior(message, nominal)).startswith(
         f"<Posterior: {springs} × nominal (90 %)"
     )
+
+
+def test_what_is_computed_is_computed_in_one_thread_on_any_machine(
+    modes: "pw.Modes", monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: dict[str, set[int]] = {}
+
+    def noted(name: str) -> Callable[..., None]:
+        def note(*_: object, **__: object) -> None:
+            threads[name] = {each["num_threads"] for each in threadpool_info()}
+            raise pw.InputError(name)
+
+        return note
+
+    monkeypatch.setattr("pipeline.offline.identify_file.identify_table", noted("identify"))
+    monkeypatch.setattr("pipeline.sources.sources.simulated", noted("simulate"))
+    monkeypatch.setattr(pw.Structure, "model", noted("modes"))
+    monkeypatch.setattr("pilewatch.posterior.updated", noted("update"))
+    with threadpool_limits(limits=2):
+        for door in (
+            lambda: pw.identify(np.ones((400, 2)), 10.0),
+            pw.simulate,
+            pw.Structure().modes,
+            lambda: pw.update(modes, pw.Structure()),
+        ):
+            with pytest.raises(pw.InputError):
+                door()
+    assert threads == {name: {1} for name in ("identify", "simulate", "modes", "update")}
