@@ -542,12 +542,12 @@ def test_a_unit_that_was_rewired_may_be_spoken_of_by_any_layout(tmp_path: Path):
 
 @pytest.fixture(scope="module")
 def modes_only(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    """The session's blocks and estimates, drawn without a structural model."""
+    """The session's blocks, truth and estimates, drawn without a structural model."""
     path = tmp_path_factory.mktemp("modes") / "s.rrd"
     structure = bare_mast(LAYOUT)
     viewer = Viewer([RrdFile(path)], structure, session="s", has_structure=False, strict=True)
     for message in session(Episode(n_windows=2)):
-        if not isinstance(message, FoundationPosterior | FoundationTruth):
+        if not isinstance(message, FoundationPosterior):
             viewer.handle(message)
     viewer.close()
     return Recorded(path)
@@ -580,6 +580,8 @@ def test_without_a_structure_the_status_is_of_modes(modes_only: Recorded) -> Non
     assert "posterior" not in text
     *_, labels = modes_only.column(f"{ROOT}/indicators/text", "Points2D:labels")
     assert labels[-1] == "foundation: no structural model"
+    events = [text for (text,) in modes_only.column(f"{ROOT}/events", "TextLog:text")]
+    assert any(text.endswith("the true stiffness is known") for text in events)  # and not drawn
 
 
 def test_a_small_structure_is_drawn_as_tall_as_a_tower() -> None:
