@@ -147,7 +147,7 @@ def _not_reached(*_: object, **__: object) -> None:
 def test_figures_far_from_the_description_are_no_calibration(estimates, tmp_path: Path) -> None:
     text = shipped_text("iea15mw_monopile")
     heavier = tmp_path / "tower.toml"
-    heavier.write_text(text.replace("mass = 530887.918", "mass = 780000.0"), "utf-8")
+    heavier.write_text(text.replace("mass = 530887.918", "mass = 620000.0"), "utf-8")
     path = session(tmp_path / "a.mcap", estimates, f'[turbine]\ndescription = "{heavier}"\n')
     with pytest.raises(InputError, match="description first"):
         calibrate_turbine([path])
