@@ -68,12 +68,27 @@ def refreshed(
     return found
 
 
-def test_springs_of_a_drawn_structure_lie_within_their_interval(inference: JointInference) -> None:
+@pytest.fixture(scope="module")
+def one_structure(inference: JointInference) -> JointRefresh:
+    """Whose description holds."""
+    return refreshed(inference, truth_of(7), 7)
+
+
+@pytest.fixture(scope="module")
+def another_structure(inference: JointInference) -> JointRefresh:
+    """With figures and springs of its own."""
+    return refreshed(inference, truth_of(0), 0)
+
+
+def test_springs_of_a_drawn_structure_lie_within_their_interval(
+    inference: JointInference, one_structure: JointRefresh, another_structure: JointRefresh
+) -> None:
+    found = {0: another_structure, 7: one_structure}
+    found |= {seed: refreshed(inference, truth_of(seed), seed) for seed in (1, 2)}
     z = []
-    for seed in range(4):
-        truth = truth_of(seed)
-        draws = np.log(refreshed(inference, truth, seed).draws[:, :3] * NOMINAL)
-        z.append((draws.mean(axis=0) - np.log(truth.theta)) / draws.std(axis=0))
+    for seed, each in found.items():
+        draws = np.log(each.draws[:, :3] * NOMINAL)
+        z.append((draws.mean(axis=0) - np.log(truth_of(seed).theta)) / draws.std(axis=0))
     assert np.abs(z).max() < 3.5
     assert np.sqrt(np.mean(np.square(z))) < 1.7
 
@@ -110,15 +125,10 @@ def test_whether_tubes_shear_is_recognised(sheared: bool) -> None:
 
 
 def test_a_structure_that_has_lost_costs_one_descent_more(
-    inference: JointInference, monkeypatch: pytest.MonkeyPatch
+    inference: JointInference, another_structure: JointRefresh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of the next refresh, where another structure holds: no search for other valleys."""
-    truth, rng = truth_of(0), np.random.default_rng(0)
-    evidence = ModalEvidence(channels=LAYOUT.channel_names)
-    for estimate in estimates(truth, 3, rng, layout=LAYOUT, reported_levels=[0.0] * 3):
-        evidence = evidence.with_estimate(estimate)
-    first = joint_refresh(inference, evidence, (), rng)
-    assert first is not None
+    first = another_structure
     lost = {each.name for each in first.warm_starts if each.lost}
     assert any("shear" in name for name in lost)
     descents: list[int] = []
@@ -129,7 +139,8 @@ def test_a_structure_that_has_lost_costs_one_descent_more(
         return descend(self, *arguments, good_cost=good_cost, **others)
 
     monkeypatch.setattr(JointFit, "_cheapest_end", counted)
-    second = joint_refresh(inference, evidence, first.warm_starts, rng)
+    rng = np.random.default_rng(8)
+    second = joint_refresh(inference, first.evidence, first.warm_starts, rng)
     assert second is not None
     assert sum(descents) >= len(lost)
     again = {each.name for each in second.warm_starts if each.lost}
@@ -260,26 +271,6 @@ def test_two_channels_exchanged_from_the_start_are_named(
     assert again is not None
     assert again.fault is not None
     assert again.fault.text == found.fault.text
-
-
-def test_a_known_fault_that_the_evidence_does_not_need_is_let_go(
-    inference: JointInference, one_structure: JointRefresh
-) -> None:
-    found = joint_refresh(
-        inference,
-        one_structure.evidence,
-        one_structure.warm_starts,
-        np.random.default_rng(8),
-        last_fault="flipped z80-fa",
-    )
-    assert found is not None
-    assert found.fault is None
-
-
-@pytest.fixture(scope="module")
-def one_structure(inference: JointInference) -> JointRefresh:
-    """Whose description holds."""
-    return refreshed(inference, truth_of(7), 7)
 
 
 def test_the_budget_names_what_makes_the_interval(one_structure: JointRefresh) -> None:
