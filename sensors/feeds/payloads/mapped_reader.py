@@ -146,6 +146,11 @@ class MappedReader:
             self._count_without_rows(message, topic)
         yield from self._pieces(groups, follows, topic)
 
+    def learn(self, payload: bytes, topic: str) -> None:
+        """Take the names of a birth certificate of before, and neither samples nor number."""
+        if self._mapping.decode != "json":
+            self._sparkplug.decoded(topic, payload)
+
     def _count_without_rows(self, message: Any, topic: str) -> None:
         """Take note of the number of a message without rows (a device's death)."""
         numbered = tuple(path for path in self._mapping.sequence if path.startswith("^"))
