@@ -62,6 +62,7 @@ class LiveFeed:
         for batch in batches(self._feed, stopping):
             for arrival in batch:
                 yield from self._taken(arrival)
+            self._position.settle()
             yield None
         if self._assembler is not None:
             yield from self._published(self._assembler.finish())

@@ -6,7 +6,8 @@ A message's format is recognised (format=auto), or given by the option: `json` (
 `float32` (`frame.py`) or `cpsens` (`cpsens.py`); mapping=NAME or mapping=FILE reads other JSON and
 Sparkplug B (`mapping.py`). With client=NAME the broker keeps what comes while the link
 is cut (quality of service 1 or 2), and gives it afterwards; without, it is lost, and counted where
-messages are numbered. mqtt=5 speaks MQTT 5 instead of 3.1.1. mqtts:// checks the broker's
+messages are numbered. A feed that remembers keeps each message on disk until it is published
+(`message_journal.py`). mqtt=5 speaks MQTT 5 instead of 3.1.1. mqtts:// checks the broker's
 certificate, by the authorities in ca=FILE or the system's; cert=FILE and key=FILE are the client's
 own.
 """
@@ -17,6 +18,7 @@ import socket
 import ssl
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from hashlib import sha256
 from importlib import import_module
 from typing import Any, Protocol
@@ -24,6 +26,7 @@ from typing import Any, Protocol
 from sensors.bounded_dict import BoundedDict
 from sensors.extras import import_extra
 from sensors.feeds.address import FeedAddress
+from sensors.feeds.message_journal import MessageJournal
 from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
 from sensors.feeds.payloads.frame import FRAME_MAGIC
 from sensors.feeds.payloads.frame_reader import FrameReader
@@ -31,7 +34,7 @@ from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_o
 from sensors.feeds.payloads.mapped_reader import MappedReader
 from sensors.feeds.payloads.mapping import mapping_named
 from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
-from sensors.feeds.protocol import Arrival, ArrivalQueue, FeedCounts, FeedError
+from sensors.feeds.protocol import Arrival, ArrivalQueue, ChannelSamples, FeedCounts, FeedError
 from sensors.feeds.reconnect import LinkError, kept_connected
 
 logger = logging.getLogger(__name__)
@@ -55,6 +58,10 @@ class Reader(Protocol):
         """Return what a message brings. Raises MessageError."""
         ...
 
+    def learn(self, topic: str, payload: bytes) -> None:
+        """Take a message of before that describes others. Raises MessageError."""
+        ...
+
 
 class MqttFeed:
     """Messages of one topic filter of one broker.
@@ -62,7 +69,8 @@ class MqttFeed:
     reader   of the messages
     counts   that the reader writes too
     once     give up where the broker cannot be reached at the start
-    keeps    let the broker keep what comes while this feed is away, also without client=NAME
+    journal  of messages that are not published yet; with one the broker keeps what comes while
+             this feed is away, also without client=NAME
 
     Raises FeedError where aiomqtt is missing, and for options that are none.
     """
@@ -74,12 +82,15 @@ class MqttFeed:
         counts: FeedCounts,
         *,
         once: bool,
-        keeps: bool = False,
+        journal: MessageJournal | None = None,
     ) -> None:
         self.name = address.text
         self.counts = counts
         self._address, self._reader, self._once = address, reader, once
-        self._client_id = address.options.get("client") or (_stable_id(address) if keeps else None)
+        self._journal = journal
+        self._client_id = address.options.get("client") or (
+            None if journal is None else _stable_id(address)
+        )
         self._aiomqtt = import_extra("aiomqtt", "mqtt", "MQTT", FeedError)
         self._is_5 = address.one_of("mqtt", ("3.1.1", "5")) == "5"
         self._qos = int(address.one_of("qos", ("1", "0", "2")))
@@ -93,7 +104,26 @@ class MqttFeed:
         async def session() -> None:
             await self._session(inbox)
 
-        await kept_connected(session, self.name, self.counts, once=self._once)
+        await self._resume(inbox)
+        try:
+            await kept_connected(session, self.name, self.counts, once=self._once)
+        finally:
+            if self._journal is not None:
+                self._journal.close()
+
+    async def _resume(self, inbox: ArrivalQueue) -> None:
+        """Take what a feed that was killed had received and not published."""
+        if self._journal is None:
+            return
+        descriptions, messages = self._journal.resumed()
+        received = self.counts.received
+        for topic, payload in descriptions:
+            with suppress(MessageError):
+                self._reader.learn(topic, payload)
+        for topic, payload in messages:
+            for arrival in self._arrivals(topic, payload, retained=False):
+                await inbox.put(arrival)
+        self.counts.received = received  # by the feed before
 
     async def _session(self, inbox: ArrivalQueue) -> None:
         try:
@@ -102,7 +132,8 @@ class MqttFeed:
                 if self.counts.connect():
                     logger.warning("%s: connected again", self.name)
                 async for message in client.messages:
-                    for arrival in self._arrivals(message):
+                    topic, payload = message.topic.value, bytes(message.payload or b"")
+                    for arrival in self._arrivals(topic, payload, retained=message.retain):
                         await inbox.put(arrival)
         except self._aiomqtt.MqttError as error:
             code = getattr(error, "rc", None)
@@ -155,7 +186,7 @@ class MqttFeed:
         kept: dict[str, Any] = {"clean_session": client is None}
         if self._is_5:
             kept = {"clean_start": client is None, "properties": _kept_for_ever(client is not None)}
-        return self._aiomqtt.Client(
+        connection = self._aiomqtt.Client(
             address.host,
             address.port,
             username=address.user or None,
@@ -168,17 +199,49 @@ class MqttFeed:
             max_queued_incoming_messages=WAITING_MESSAGES,
             timeout=KEEP_ALIVE,
         )
+        if self._journal is not None:
+            self._keep_before_confirming(connection._client, self._journal)
+        return connection
 
-    def _arrivals(self, message: Any) -> Iterator[Arrival]:
-        topic, payload = message.topic.value, bytes(message.payload or b"")
+    @staticmethod
+    def _keep_before_confirming(paho: Any, journal: MessageJournal) -> None:
+        """Paho confirms a message after its callback has returned."""
+        queue = paho.on_message
+
+        def kept(client: Any, given: Any, message: Any) -> None:
+            if is_kept(message.topic, retained=message.retain):
+                journal.keep(message.topic, bytes(message.payload or b""))
+            queue(client, given, message)
+
+        paho.on_message = kept
+
+    def _arrivals(self, topic: str, payload: bytes, *, retained: bool) -> Iterator[Arrival]:
+        journal = self._journal if is_kept(topic, retained=retained) else None
         try:
             if len(topic) > LONGEST_TOPIC:
                 raise MessageError(f"a topic of {len(topic)} letters; at most {LONGEST_TOPIC}")
             if len(payload) > LARGEST_MQTT_PAYLOAD:
                 raise MessageError(f"{len(payload)} bytes; at most {LARGEST_MQTT_PAYLOAD}")
-            yield from self._reader.read(topic, payload, retained=message.retain)
+            for arrival in self._reader.read(topic, payload, retained=retained):
+                if journal is not None and isinstance(arrival, ChannelSamples):
+                    journal.taken(arrival)
+                yield arrival
         except MessageError as error:
             self.counts.refuse(f"{topic}: {error}")
+        if journal is not None:
+            journal.taken(None)
+
+
+def is_description(topic: str) -> bool:
+    """Whether messages of a topic describe others: CP-SENS metadata, Sparkplug B certificates."""
+    return topic.endswith("/metadata") or any(
+        level in ("NBIRTH", "DBIRTH") for level in topic.split("/")[2:3]
+    )
+
+
+def is_kept(topic: str, *, retained: bool) -> bool:
+    """Whether a message belongs in the journal; what a broker retained is of another time."""
+    return len(topic) <= LONGEST_TOPIC and (not retained or is_description(topic))
 
 
 def _stable_id(address: FeedAddress) -> str:
@@ -240,6 +303,13 @@ class SamplesReader:
         if piece is not None:
             yield piece
 
+    def learn(self, topic: str, payload: bytes) -> None:
+        """Take the names of a birth certificate, or the metadata of a CP-SENS channel."""
+        if self._mapped is not None:
+            self._mapped.learn(payload, topic)
+        else:
+            self._cpsens.read(payload, topic)
+
 
 def kind_of(topic: str, payload: bytes) -> str:
     """Return the format of a message. Raises MessageError where it is of none."""
@@ -271,6 +341,9 @@ class ScadaMessages:
             if not isinstance(each, dict):
                 raise MessageError(f"{each!r:.40} is no report; an object is")
             yield from times.taken(self._reader.sample(each))
+
+    def learn(self, topic: str, payload: bytes) -> None:
+        """A report describes no other."""
 
 
 def _tls(address: FeedAddress) -> ssl.SSLContext | None:

@@ -12,7 +12,8 @@ from sensors.feeds.address import FeedAddress, parsed
 from sensors.feeds.assembly.assembler import WAIT, Assembler
 from sensors.feeds.csv_tail import CsvTailFeed
 from sensors.feeds.live import LiveFeed, batches
-from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages
+from sensors.feeds.message_journal import MessageJournal
+from sensors.feeds.mqtt import MqttFeed, SamplesReader, ScadaMessages, is_description
 from sensors.feeds.opcua.nodes import SeenVariable
 from sensors.feeds.opcua.opcua_feed import OpcUaFeed
 from sensors.feeds.opcua.values import ScadaValueReader, ValueReader
@@ -67,7 +68,7 @@ def _feed(address: FeedAddress, layout: LayoutFile, *, once: bool, position: Fee
                 SamplesReader(address, names, counts),
                 counts,
                 once=once,
-                keeps=position.remembers,
+                journal=_journal(position),
             )
         case "scada+mqtt":
             counts = FeedCounts()
@@ -89,6 +90,12 @@ def _feed(address: FeedAddress, layout: LayoutFile, *, once: bool, position: Fee
             return SeedLinkFeed(address, once=once, position=position)
         case _:
             return CsvTailFeed(address, ScadaReader(address, layout.turbine), once=once)
+
+
+def _journal(position: FeedPosition) -> MessageJournal | None:
+    if position.path is None:
+        return None
+    return MessageJournal(position.path.with_suffix(".messages"), position, is_description)
 
 
 def layout_file_of(layout: SensorLayout) -> LayoutFile:
@@ -118,6 +125,9 @@ class MessageCapture:
         if not retained:
             self.messages.append((topic, payload))
         return iter(())
+
+    def learn(self, topic: str, payload: bytes) -> None:
+        """Nothing is known from before."""
 
 
 def listed_variables(text: str) -> list[SeenVariable]:

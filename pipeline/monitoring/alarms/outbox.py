@@ -4,7 +4,8 @@
     FOLDER/webhook-1/refused/               messages that the receiver refused MOST_REFUSALS times
 
 While a receiver is away its channel tries again after 1, 2, 4 … seconds, at most every five
-minutes. A message that is refused for itself does not hold up those behind it. Restarts and cuts
+minutes. A message that is refused for itself does not hold up those behind it, and theirs are no
+attempts of its own: a burst of messages does not use up its MOST_REFUSALS. Restarts and cuts
 lose nothing up to a bound: beyond MOST_WAITING the oldest are dropped and counted.
 """
 
@@ -177,6 +178,7 @@ class DeliveryThread(threading.Thread):
         self.problem = ""  # why the last attempt failed; "" if it did not
         self.refused = 0  # messages set aside
         self._delivered = self._failed = self._last_ns = 0
+        self._refused_once: set[Path] = set()  # they wait for the end of the pause
 
     @property
     def channel(self) -> str:
@@ -209,22 +211,32 @@ class DeliveryThread(threading.Thread):
 
     def run(self) -> None:
         """Until `stop`."""
-        pause = self._pause
+        pause, due = self._pause, 0.0
         while True:
             self._woken.clear()
-            self._deliver_all()
+            again = time.monotonic() >= due
+            self._deliver_all(again=again)
             if self._stopping.is_set():
                 return
             if not self.problem:
-                pause = self._pause
+                pause, due = self._pause, 0.0
                 self._woken.wait()
-            elif not self._woken.wait(pause):  # a new message is tried at once
+                continue
+            if again:
+                due = time.monotonic() + pause
                 pause = min(2 * pause, LONGEST_PAUSE)
+            self._woken.wait(max(0.0, due - time.monotonic()))  # a new message is tried at once
 
-    def _deliver_all(self) -> None:
-        """One attempt for each waiting message, up to a failure that concerns them all."""
+    def _deliver_all(self, *, again: bool) -> None:
+        """One attempt for each waiting message, up to a failure that concerns them all; for those
+        that were refused for themselves only `again`."""
         problem = ""
-        for path in self._outbox.waiting():
+        waiting = self._outbox.waiting()
+        self._refused_once.intersection_update(waiting)
+        for path in waiting:
+            if path in self._refused_once and not again:
+                problem = problem or self.problem
+                continue
             failure = self._failure(path)
             if failure is None:
                 continue
@@ -232,6 +244,7 @@ class DeliveryThread(threading.Thread):
             problem = problem or str(failure)
             if not failure.message_only:
                 break
+            self._refused_once.add(path)
         if problem and not self.problem:
             logger.warning("%s: an alarm message waits: %s", self._channel.name, problem)
         self.problem = problem

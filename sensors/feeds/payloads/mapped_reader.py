@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
 MOST_SAMPLE_ROWS = 100_000  # of one message
 DEEPEST_PAYLOAD = 6  # levels of values in values
+EARLIEST_SENML_TIME = 2**28  # below it a time counts from now: RFC 8428, section 4.5.3 [s]
 _CONSTANTS: dict[str, Any] = {"$zero": 0, "$empty": ""}
 _LEVEL = re.compile(r"\$topic\[(-?\d+)\]")
 
@@ -125,10 +127,13 @@ class MappedReader:
         follows: dict[str, bool | None] = {"": None}
         for place in self._rows(message, topic):
             values = list(self._values(place))
-            if not values:
-                continue
-            start_ns, rate = self._timing(place, len(values[0].numbers))
             number = self._number_of(place)
+            if values:
+                start_ns, rate = self._timing(place, len(values[0].numbers))
+            elif number:  # all its values are text or truth values: it is not missing
+                start_ns, rate = _time_ns(place, mapping), None
+            else:
+                continue
             if number not in follows:
                 follows[number] = self._follows(number, topic, start_ns)
                 if follows[number] is None:
@@ -137,7 +142,24 @@ class MappedReader:
                 continue  # a row of a message that is late or came twice
             for value in values:
                 groups.setdefault(_Moment(start_ns, value.unit, rate, number), []).append(value)
+        if len(follows) == 1:  # no row had a number
+            self._count_without_rows(message, topic)
         yield from self._pieces(groups, follows, topic)
+
+    def learn(self, payload: bytes, topic: str) -> None:
+        """Take the names of a birth certificate of before, and neither samples nor number."""
+        if self._mapping.decode != "json":
+            self._sparkplug.decoded(topic, payload)
+
+    def _count_without_rows(self, message: Any, topic: str) -> None:
+        """Take note of the number of a message without rows (a device's death)."""
+        numbered = tuple(path for path in self._mapping.sequence if path.startswith("^"))
+        place = PayloadPlace(message, message, "", topic)
+        if place.first(numbered) is None:
+            return
+        number = self._number_of(place)
+        with suppress(MessageError):  # without a time it cannot be told from another start
+            self._follows(number, topic, _time_ns(place, self._mapping))
 
     def _rows(self, message: Any, topic: str) -> Iterator[PayloadPlace]:
         found = PayloadPlace(message, message, "", topic).first(self._mapping.rows)
@@ -164,6 +186,9 @@ class MappedReader:
         found = place.first(mapping.values)
         units = place.first(mapping.unit)
         base = place.first(mapping.name_base) or ""
+        value_base = place.first(mapping.value_base) or 0
+        if not _is_number(value_base):
+            raise MessageError(f"{value_base!r:.20} is no number to add to values")
         if isinstance(found, dict):
             named = list(self._flattened(found, "", 0))
         else:
@@ -182,6 +207,8 @@ class MappedReader:
             given = units[at] if isinstance(units, list) and at < len(units) else units
             unit = own or (given if isinstance(given, str) else "")
             samples = _numbers(self._unwrap(content))
+            if samples is not None and value_base:
+                samples = tuple(each + value_base for each in samples)
             if samples is None or (mapping.only and not self._only.fullmatch(name)):
                 continue
             full = f"{base}{name}"
@@ -279,6 +306,10 @@ def _time_ns(place: PayloadPlace, mapping: PayloadMapping) -> int:
     try:
         if base is not None:
             written = _sum(base, written)
+        if mapping.time_base and _is_number(written) and written < EARLIEST_SENML_TIME:
+            raise ValueError(
+                f"{written!r:.20} s counts from the message's arrival, which is no time"
+            )
         factor = TIME_UNITS[mapping.time_unit]
         if factor and _is_number(written):
             time_ns = written * factor if isinstance(written, int) else round(written * factor)

@@ -58,6 +58,8 @@ class PayloadMapping:
     """Regular expression of the names that are channels; "": all that have numbers."""
     value: Paths = ("value", "Value.Body", "Value", "Body", "v")
     """Paths of the number in a value that is an object."""
+    value_base: Paths = ()
+    """Paths of a number that is added to each value."""
     unit: Paths = ()
     """Paths of the unit: a word, or as many as names; in a value that is an object, its own."""
     rate: Paths = ()

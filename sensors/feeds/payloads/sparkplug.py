@@ -46,8 +46,8 @@ class SparkplugDecoder:
             raise MessageError(f"{len(payload)} bytes; at most {LARGEST_JSON}")
         levels = topic.split("/")
         kind = levels[2] if len(levels) > 3 and levels[0] == NAMESPACE else ""
-        if kind not in ("NBIRTH", "DBIRTH", "NDATA", "DDATA"):
-            return {"metrics": []}  # deaths, commands, states: no samples
+        if kind not in ("NBIRTH", "DBIRTH", "NDATA", "DDATA", "DDEATH"):
+            return {"metrics": []}  # a node's death, commands, states: no samples and no number
         source = "/".join((levels[1], *levels[3:]))
         aliases = self._aliases.renewed(source)
         if aliases is None or kind.endswith("BIRTH"):
@@ -73,6 +73,11 @@ def _metric(encoded: bytes, aliases: BoundedDict[str, str]) -> dict[str, Any] | 
         aliases.put(str(alias), name)
     name = name or aliases.renewed(str(alias)) or ""
     number = None if fields.get(7) else _number(fields)
+    if not name and number is not None and isinstance(alias, int):
+        raise MessageError(
+            f"alias {alias} has no name: the birth certificate came before this feed; ask the node "
+            "for another (NCMD, Node Control/Rebirth)"
+        )
     if not name or number is None:
         return None
     metric: dict[str, Any] = {"name": name, "value": number}

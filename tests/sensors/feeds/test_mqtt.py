@@ -386,6 +386,40 @@ def test_a_feed_that_remembers_gets_what_came_while_it_was_away_and_counts_what_
     assert (live.absent, later.absent) == (0, 0)
 
 
+def test_a_killed_feed_publishes_what_it_had_confirmed_and_not_published(
+    running: Broker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blocks last a second: half of one was in memory alone, and the broker had forgotten it."""
+    monkeypatch.setattr("sensors.feeds.position.SAVED_EVERY", 0.0)
+    address = f"mqtt://127.0.0.1:{running.port}/killed/#?rate={RATE}"
+
+    def publish(begin: int, end: int) -> None:
+        with publisher(running.port) as client:
+            for number in range(begin, end):
+                sample = {"time": START / 1e9 + number / RATE, "ax": number, "ay": 0.0}
+                client.publish("killed/a", json.dumps(sample).encode())
+            client.settled()
+
+    live = open_feed(address, LAYOUT, state=tmp_path)
+    blocks: list[AccelerationBlock] = []
+    sent = False
+    for each in live.measured(threading.Event()):
+        if isinstance(each, AccelerationBlock):
+            blocks.append(each)
+        if live.counts.connected and not sent:
+            publish(0, 100)
+            sent = True
+        if each is None and live.counts.received >= 100:
+            break  # nothing is written or finished
+    assert sum(len(block.samples) for block in blocks) == 80
+    again = open_feed(address, LAYOUT, state=tmp_path)
+    given = measured_until(again, lambda: again.counts.received >= 60, lambda: publish(100, 160))
+
+    numbers = [int(x) for block in (*blocks, *blocks_of(given)) for x in block.samples[:, 0]]
+    assert numbers == list(range(160))
+    assert again.absent == 0
+
+
 def test_what_a_broker_did_not_keep_is_counted_by_the_stamps(
     running: Broker, tmp_path: Path
 ) -> None:
@@ -399,7 +433,7 @@ def test_what_a_broker_did_not_keep_is_counted_by_the_stamps(
             client.settled()
 
     measured_until(live, lambda: live.counts.received >= 5, lambda: publish(range(5)))
-    (file,) = tmp_path.iterdir()
+    (file,) = tmp_path.glob("*.json")
     other = f"{address}-2"  # a session that the broker does not know
     file.rename(position_file(tmp_path, other))
     again = open_feed(other, LAYOUT, state=tmp_path)

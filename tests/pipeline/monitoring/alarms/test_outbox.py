@@ -11,6 +11,7 @@ import pytest
 
 from pipeline.monitoring.alarms.channels import DeliveryFailed
 from pipeline.monitoring.alarms.outbox import (
+    MOST_REFUSALS,
     REFUSED_DELIVERY,
     DeliveryThread,
     Outbox,
@@ -195,6 +196,29 @@ def test_a_message_that_is_refused_many_times_is_set_aside_and_reported(tmp_path
     assert [path.name for path in (tmp_path / REFUSED_DELIVERY).iterdir()] == ["000000000001.json"]
     assert delivery.state().refused == 1
     assert Outbox(tmp_path)._next == 2  # its number is not given again
+
+
+def test_a_burst_of_messages_uses_up_no_attempts_of_those_that_are_refused(tmp_path: Path) -> None:
+    """Of a server that greylists: each new message is tried at once, the others after a pause."""
+    outbox = Outbox(tmp_path)
+    channel = Scripted()
+    channel.refused = {
+        number: DeliveryFailed("451", message_only=True) for number in range(MOST_REFUSALS + 3)
+    }
+    delivery = DeliveryThread(channel, outbox, pause=1000.0)
+    delivery.start()
+    deadline = time.monotonic() + 20
+    for number in channel.refused:
+        outbox.put({"number": number})
+        delivery.wake()
+        while delivery.state().failed <= number and time.monotonic() < deadline:
+            delivery.wake()
+    delivery.stop(20)
+
+    assert len(outbox.waiting()) == len(channel.refused)
+    assert delivery.state().refused == 0
+    assert delivery.state().failed == len(channel.refused)
+    assert delivery.problem == "451"
 
 
 def test_the_age_of_what_waits_is_known(tmp_path: Path) -> None:

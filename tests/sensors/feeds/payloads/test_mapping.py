@@ -208,3 +208,54 @@ def test_no_json_ends_a_reader_or_the_sniffing(name: str, content: object) -> No
     with suppress(MessageError):
         list(reader.read(encoded(content), "a/b"))
     sniffed([("a/b", encoded(content))])
+
+
+def read_by(preset: str, message: object, *, counts: FeedCounts | None = None) -> dict[str, float]:
+    """The last value of each channel of one JSON message."""
+    reader = MappedReader(mapping_named(preset), ("ax",), counts or FeedCounts())
+    pieces = reader.read(encoded(message), "tower")
+    return {name: float(v) for p in pieces for name, v in zip(p.names, p.samples[-1], strict=True)}
+
+
+def test_a_base_value_of_senml_is_added_to_each_value_behind_it() -> None:
+    """RFC 8428, section 4.1."""
+    pack = [{"bn": "t/", "bt": 1.7e9, "bv": 2.0}, {"n": "ax", "v": 0.5}, {"n": "ay", "v": -1}]
+    assert read_by("senml", pack) == {"t/ax": 2.5, "t/ay": 1.0}
+    with pytest.raises(MessageError, match="'two' is no number"):
+        read_by("senml", [{"bv": "two", "bt": 1.7e9, "n": "ax", "v": 0.5}])
+
+
+@pytest.mark.parametrize("time", [{}, {"t": 0}, {"t": -5}, {"t": 12.5}, {"bt": 10, "t": 3}])
+def test_a_time_of_senml_that_counts_from_now_is_refused(time: dict[str, float]) -> None:
+    """RFC 8428, section 4.5.3; in 1970, where it would lie by its number, nothing was measured."""
+    with pytest.raises(MessageError, match="counts from the message's arrival"):
+        read_by("senml", [{"n": "ax", "v": 1.0} | time])
+
+
+def test_the_rate_of_nested_lists_stands_in_the_row_the_message_or_its_header() -> None:
+    values = {"ax": [1.0, 2.0]}
+    for key in ("rate", "sampling_rate", "fs"):
+        for where in ("header", "meta"):
+            assert read_by("nested", {where: {"time": 1.7e9, key: 40}, "data": values})
+        assert read_by("nested", {"time": 1.7e9, key: 40, "data": values})
+        assert read_by("nested", {"samples": [{"time": 1.7e9, key: 40, "values": values}]})
+
+
+def test_a_row_or_message_without_samples_is_not_missing_among_the_numbered() -> None:
+    """A row of a logger whose sensor is unplugged; keep-alive messages; metadata has no number."""
+    counts = FeedCounts()
+    reader = MappedReader(mapping_named("csijson"), ("ax",), counts)
+    rows = [{"time": iso(i, ""), "no": i, "vals": ["NAN" if i == 1 else 1.0]} for i in range(3)]
+    table = {"head": {"fields": [{"name": "ax"}]}, "data": rows}
+    assert len(list(reader.read(encoded(table), "t"))) == 2
+
+    reader = MappedReader(mapping_named("opcua-pubsub-json"), ("ax",), counts)
+    found: list[ChannelSamples] = []
+    for i, content in enumerate([{"Payload": {"ax": 1.0}}, {"MessageType": "ua-keepalive"}] * 2):
+        header = {"DataSetWriterId": 5, "SequenceNumber": i, "Timestamp": iso(i)}
+        message = {"MessageType": "ua-data", "Messages": [header | content]}
+        found += reader.read(encoded(message), "t")
+    found += reader.read(encoded({"MessageType": "ua-metadata", "DataSetWriterId": 5}), "t")
+
+    assert [piece.names for piece in found] == [("ax",), ("ax",)]
+    assert counts == FeedCounts()

@@ -1,0 +1,171 @@
+"""Messages of a broker on disk, from before they are confirmed until their samples are published.
+
+    record   flag (1 byte)  CRC-32 (4)  length of the topic (2)  of the payload (4)  topic  payload
+
+A broker forgets a message once it is confirmed, and confirmation cannot wait for a block: brokers
+have few messages under way (mosquitto: 20). What a feed that is killed had received and not
+published is read here when it starts again; what was published is left out by its time
+(`position.py`).
+
+Two files: a new one is begun when everything in the older one is published. Messages that describe
+others (names of aliases, rates) are taken over into each new file.
+"""
+
+import logging
+import os
+import struct
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from sensors.bounded_dict import BoundedDict
+from sensors.feeds.position import POSITION_OVERLAP, FeedPosition
+from sensors.feeds.protocol import ChannelSamples
+
+logger = logging.getLogger(__name__)
+
+SHORTEST_FILE = 2.0  # time that a file is written to [s]
+LARGEST_FILE = 2**25  # [bytes]; then a new one is begun whatever is published
+MOST_DESCRIPTIONS = 1000
+_HEAD = struct.Struct(">BIHI")
+_MEASURED, _DESCRIPTION = 0, 1
+
+TopicPayload = tuple[str, bytes]
+
+
+class MessageJournal:
+    """The messages of one feed that are not published yet.
+
+    Parameters
+    ----------
+    path : Path
+        Its newer file; the older one lies beside it.
+    position : FeedPosition
+        How far the feed is published.
+    describes : callable
+        Whether messages of a topic describe others.
+    clock : callable
+        Monotonic time [s].
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        position: FeedPosition,
+        describes: Callable[[str], bool],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._path, self._position, self._describes = path, position, describes
+        self._older = path.with_name(f"{path.name}-older")
+        self._clock = clock
+        self._descriptions: BoundedDict[str, bytes] = BoundedDict(MOST_DESCRIPTIONS)
+        self._file = -1
+        self._begun = clock()
+        self._kept = self._taken = 0  # messages
+        self._older_count = 0  # the last message of the older file
+        self._older_ns: int | None = 0  # its newest sample; None: it is not taken yet
+        self._newest_ns = 0
+
+    def resumed(self) -> tuple[list[TopicPayload], list[TopicPayload]]:
+        """Return descriptions, and messages that may be unpublished, of a feed that was killed."""
+        descriptions: list[TopicPayload] = []
+        messages: list[TopicPayload] = []
+        for path in (self._older, self._path):
+            for flag, topic, payload in _records(path):
+                (descriptions if flag == _DESCRIPTION else messages).append((topic, payload))
+                if self._describes(topic):
+                    self._descriptions.put(topic, payload)
+        self._kept = self._older_count = len(messages)
+        self._older_ns = None if messages else 0
+        self._begin([_record(_MEASURED, *each) for each in messages])
+        return descriptions, messages
+
+    def keep(self, topic: str, payload: bytes) -> None:
+        """Write a message before it is confirmed."""
+        if self._is_due():
+            self._begin(None)
+        if self._describes(topic):
+            self._descriptions.put(topic, payload)
+        self._kept += 1
+        self._write(_record(_MEASURED, topic, payload))
+
+    def taken(self, piece: ChannelSamples | None) -> None:
+        """Note a piece of a message, or with None its end, in the order of `keep`."""
+        if piece is not None:
+            period = 1e9 / piece.sampling_rate if piece.sampling_rate else 0.0
+            last_ns = piece.start_ns + round((len(piece.samples) - 1) * period)
+            self._newest_ns = max(self._newest_ns, last_ns)
+            return
+        self._taken += 1
+        if self._taken == self._older_count:
+            self._older_ns = self._newest_ns
+
+    def close(self) -> None:
+        """Close the file; what was not published stays in it."""
+        if self._file >= 0:
+            os.close(self._file)
+        self._file = -1
+
+    def _is_due(self) -> bool:
+        """Whether a new file may be begun: nothing in the older one is needed any more."""
+        age = self._clock() - self._begun
+        if self._file < 0 or age > POSITION_OVERLAP or os.fstat(self._file).st_size > LARGEST_FILE:
+            return True
+        published = self._older_ns is not None and self._older_ns <= self._position.published_ns
+        return age > SHORTEST_FILE and published
+
+    def _begin(self, older: list[bytes] | None) -> None:
+        """A new file. `older`: the records of the older one; None: it is the present file."""
+        self.close()
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            if older is not None:
+                part = self._older.with_name(f"{self._older.name}.part")
+                part.write_bytes(b"".join([*self._described(), *older]))
+                part.replace(self._older)
+            elif self._path.exists():
+                self._path.replace(self._older)
+                self._older_count = self._kept
+                self._older_ns = self._newest_ns if self._taken >= self._kept else None
+            self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        except OSError as error:
+            logger.error("%s: received messages cannot be kept: %s", self._path, error)
+        self._begun = self._clock()
+        self._write(b"".join(self._described()))
+
+    def _described(self) -> Iterator[bytes]:
+        for topic, payload in self._descriptions.items():
+            yield _record(_DESCRIPTION, topic, payload)
+
+    def _write(self, record: bytes) -> None:
+        if self._file < 0 or not record:
+            return
+        try:
+            os.write(self._file, record)
+        except OSError as error:  # a full disk costs the journal, not the samples
+            logger.error("%s: received messages cannot be kept: %s", self._path, error)
+            self.close()
+
+
+def _record(flag: int, topic: str, payload: bytes) -> bytes:
+    named = topic.encode()[: 2**16 - 1]
+    check = zlib.crc32(named + payload)
+    return _HEAD.pack(flag, check, len(named), len(payload)) + named + payload
+
+
+def _records(path: Path) -> Iterator[tuple[int, str, bytes]]:
+    """Up to the first one that is cut off or damaged."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return
+    at = 0
+    while at + _HEAD.size <= len(content):
+        flag, check, named, length = _HEAD.unpack_from(content, at)
+        at += _HEAD.size
+        topic, payload = content[at : at + named], content[at + named : at + named + length]
+        at += named + length
+        if at > len(content) or zlib.crc32(topic + payload) != check:
+            return
+        yield flag, topic.decode("utf-8", "replace"), payload

@@ -1,0 +1,110 @@
+"""Confirmed messages stay on disk until their samples are published."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sensors.acquisition.blocks import NANOSECONDS
+from sensors.feeds.message_journal import MessageJournal
+from sensors.feeds.position import FeedPosition
+from sensors.feeds.protocol import ChannelSamples
+
+
+class Clock:
+    """Seconds that a test sets."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def journal(folder: Path, clock: Clock | None = None) -> tuple[MessageJournal, FeedPosition]:
+    position = FeedPosition(folder / "feed.json")
+    made = MessageJournal(
+        folder / "feed.messages",
+        position,
+        lambda topic: topic == "names",
+        clock or Clock(),
+    )
+    return made, position
+
+
+def piece(second: int) -> ChannelSamples:
+    return ChannelSamples("t", ("ax",), np.zeros((10, 1)), second * NANOSECONDS, 10.0)
+
+
+def test_what_is_published_goes_and_what_is_not_comes_back_in_order(tmp_path: Path) -> None:
+    clock = Clock()
+    kept, position = journal(tmp_path, clock)
+    assert kept.resumed() == ([], [])
+    for second in range(60):
+        clock.now = float(second)
+        kept.keep("t", b"%d" % second)
+        kept.taken(piece(second))
+        kept.taken(None)
+        if second < 50:
+            position.published(second * NANOSECONDS, (second + 1) * NANOSECONDS, 1e8)
+    kept.close()
+
+    again, _ = journal(tmp_path)
+    _, messages = again.resumed()
+    numbers = [int(payload) for _, payload in messages]
+    assert numbers == list(range(numbers[0], 60))
+    assert 40 < numbers[0] <= 50
+    assert again.resumed()[1] == messages  # and after another kill at once
+
+
+def test_names_survive_all_files_and_are_told_apart_from_messages(tmp_path: Path) -> None:
+    clock = Clock()
+    kept, position = journal(tmp_path, clock)
+    kept.resumed()
+    kept.keep("names", b"old")
+    kept.keep("names", b"new")
+    kept.taken(None)
+    kept.taken(None)
+    for second in range(20):
+        clock.now = 3.0 * second
+        kept.keep("t", b"%d" % second)
+        kept.taken(piece(second))
+        kept.taken(None)
+        position.published(second * NANOSECONDS, (second + 1) * NANOSECONDS, 1e8)
+
+    descriptions, messages = journal(tmp_path)[0].resumed()
+    assert set(descriptions) == {("names", b"new")}
+    assert all(topic == "t" for topic, _ in messages)
+
+
+def test_a_message_that_is_not_taken_yet_is_kept_however_old(tmp_path: Path) -> None:
+    clock = Clock()
+    kept, position = journal(tmp_path, clock)
+    kept.resumed()
+    for second in range(20):
+        clock.now = 3.0 * second
+        kept.keep("t", b"%d" % second)
+    position.published(0, 100 * NANOSECONDS, 1e8)  # of another source of samples
+
+    _, messages = journal(tmp_path)[0].resumed()
+    assert len(messages) == 20
+
+
+@pytest.mark.parametrize("damage", [b"", b"\0", b"\0\1\2\3\4\0\1\0\0\0\1xy"])
+def test_a_record_that_is_cut_off_or_damaged_ends_the_file_and_nothing_else(
+    damage: bytes, tmp_path: Path
+) -> None:
+    kept, _ = journal(tmp_path)
+    kept.resumed()
+    kept.keep("t", b"1")
+    with (tmp_path / "feed.messages").open("ab") as file:
+        file.write(damage)
+
+    assert journal(tmp_path)[0].resumed() == ([], [("t", b"1")])
+
+
+def test_a_folder_that_cannot_be_written_costs_the_journal_alone(tmp_path: Path) -> None:
+    (tmp_path / "state").write_text("a file where the folder belongs")
+    kept, _ = journal(tmp_path / "state")
+    assert kept.resumed() == ([], [])
+    kept.keep("t", b"1")
