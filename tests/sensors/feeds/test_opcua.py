@@ -64,6 +64,14 @@ def server(certificates: dict[str, tuple[Path, Path]]) -> Iterator[OpcUaServer]:
     running.close()
 
 
+@pytest.fixture
+def empty_server(certificates: dict[str, tuple[Path, Path]]) -> Iterator[OpcUaServer]:
+    """Without the towers of other tests."""
+    running = OpcUaServer(*certificates["theirs"])
+    yield running
+    running.close()
+
+
 def live_of(server: OpcUaServer, tower: str, **others: Any) -> LiveFeed:
     nodes = f"nodes=ns=2;s={tower}.{{name}}"
     return open_feed(f"opcua://127.0.0.1:{server.port}/?{nodes}", LAYOUT, **others)
@@ -97,7 +105,10 @@ def newest(live: LiveFeed, number: int) -> bool:
     return [reached.get(name) for name in ("ax", "ay")] == [last_ns, last_ns]
 
 
-def test_a_variable_that_is_not_there_is_one_line_with_those_that_are(server: OpcUaServer) -> None:
+def test_a_variable_that_is_not_there_is_one_line_with_those_that_are(
+    empty_server: OpcUaServer,
+) -> None:
+    server = empty_server
     server.tower("N", ["acc_ax", "ay"])
     with pytest.raises(FeedError, match=r"no variable 'ax'; it has N\.acc_ax \(ns=2;s=N.acc_ax"):
         list(open_feed(f"opcua://127.0.0.1:{server.port}", LAYOUT).measured(threading.Event()))
