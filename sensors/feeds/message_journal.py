@@ -7,10 +7,13 @@ have few messages under way (mosquitto: 20). What a feed that is killed had rece
 published is read here when it starts again; what was published is left out by its time
 (`position.py`).
 
+Nothing is synced: a killed feed and a reboot lose nothing, a power cut the system's last seconds.
+
 Two files: a new one is begun when everything in the older one is published. Messages that describe
 others (names of aliases, rates) are taken over into each new file.
 """
 
+import errno
 import logging
 import os
 import struct
@@ -142,7 +145,8 @@ class MessageJournal:
         if self._file < 0 or not record:
             return
         try:
-            os.write(self._file, record)
+            if os.write(self._file, record) < len(record):  # what follows half a record is not read
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:  # a full disk costs the journal, not the samples
             logger.error("%s: received messages cannot be kept: %s", self._path, error)
             self.close()

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.bounded_dict import BoundedDict
 from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.json_samples import MessageError, json_of
@@ -20,7 +21,6 @@ from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
 MOST_SAMPLE_ROWS = 100_000  # of one message
 DEEPEST_PAYLOAD = 6  # levels of values in values
-EARLIEST_SENML_TIME = 2**28  # below it a time counts from now: RFC 8428, section 4.5.3 [s]
 _CONSTANTS: dict[str, Any] = {"$zero": 0, "$empty": ""}
 _LEVEL = re.compile(r"\$topic\[(-?\d+)\]")
 
@@ -306,11 +306,10 @@ def _time_ns(place: PayloadPlace, mapping: PayloadMapping) -> int:
     try:
         if base is not None:
             written = _sum(base, written)
-        if mapping.time_base and _is_number(written) and written < EARLIEST_SENML_TIME:
-            raise ValueError(
-                f"{written!r:.20} s counts from the message's arrival, which is no time"
-            )
         factor = TIME_UNITS[mapping.time_unit]
+        unit_ns = factor or NANOSECONDS
+        if _is_number(written) and written * unit_ns < mapping.earliest * NANOSECONDS:
+            raise ValueError(f"{written!r:.20} counts from the message's arrival, which is no time")
         if factor and _is_number(written):
             time_ns = written * factor if isinstance(written, int) else round(written * factor)
             if not 0 <= time_ns < LATEST_NS:

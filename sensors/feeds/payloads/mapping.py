@@ -48,6 +48,8 @@ class PayloadMapping:
     """Paths of a time that is added to the row's [in `time_unit`]."""
     time_unit: str = "auto"
     """Of numbers since 1970: "s", "ms", "us", "ns"; "auto": by their size, or ISO 8601."""
+    earliest: float = 0.0
+    """A lower number is no time since 1970, but counts from the message's arrival [s]."""
     stamp: str = "first"
     """Which sample of a list the time is of: "first" or "last"."""
     names: Paths = ()

@@ -1,5 +1,6 @@
 """Confirmed messages stay on disk until their samples are published."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -108,3 +109,19 @@ def test_a_folder_that_cannot_be_written_costs_the_journal_alone(tmp_path: Path)
     kept, _ = journal(tmp_path / "state")
     assert kept.resumed() == ([], [])
     kept.keep("t", b"1")
+
+
+def test_a_disk_that_takes_half_a_record_costs_no_record_behind_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, _ = journal(tmp_path)
+    kept.resumed()
+    write = os.write
+    kept.keep("t", b"0")
+    with monkeypatch.context() as full:
+        full.setattr(os, "write", lambda file, data: write(file, data[: len(data) // 2]))
+        kept.keep("t", b"1")
+    kept.keep("t", b"2")
+    kept.close()
+    _, messages = journal(tmp_path)[0].resumed()
+    assert [payload for _, payload in messages] == [b"0", b"2"]

@@ -8,11 +8,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.feeds.address import parsed
 from sensors.feeds.mqtt import SamplesReader
 from sensors.feeds.payloads.json_samples import MessageError
 from sensors.feeds.payloads.mapped_reader import MappedReader
-from sensors.feeds.payloads.mapping import looked_up, mapping_from_table, mapping_named, presets
+from sensors.feeds.payloads.mapping import (
+    PayloadMapping,
+    looked_up,
+    mapping_from_table,
+    mapping_named,
+    presets,
+)
 from sensors.feeds.payloads.sniff import sniffed
 from sensors.feeds.protocol import ChannelSamples, FeedCounts, FeedError
 from tests.sensors.feeds.payloads.shapes import (
@@ -230,6 +237,14 @@ def test_a_time_of_senml_that_counts_from_now_is_refused(time: dict[str, float])
     """RFC 8428, section 4.5.3; in 1970, where it would lie by its number, nothing was measured."""
     with pytest.raises(MessageError, match="counts from the message's arrival"):
         read_by("senml", [{"n": "ax", "v": 1.0} | time])
+
+
+def test_a_base_of_another_sender_may_count_from_its_boot() -> None:
+    """A unit whose clock was never set; the session warns of it (`clock-unset`)."""
+    mapping = PayloadMapping(time=("t",), time_base=("boot",), time_unit="s", values=("v",))
+    reader = MappedReader(mapping, ("ax",), FeedCounts())
+    (piece,) = reader.read(encoded({"boot": 100, "t": 3, "v": {"ax": 1.0}}), "tower")
+    assert piece.start_ns == 103 * NANOSECONDS
 
 
 def test_the_rate_of_nested_lists_stands_in_the_row_the_message_or_its_header() -> None:
