@@ -5,7 +5,9 @@ import os
 import pkgutil
 import sys
 
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+from pipeline.cli import BLAS_THREADS
+
+ONE_THREAD = (*BLAS_THREADS, "OMP_NUM_THREADS")  # the last: of peers
 
 
 def main(arguments: list[str]) -> int:

@@ -2,7 +2,7 @@
 
 python -m tests.benchmarks figures [--check]
 
-`figures.toml` has a row for each figure: its words, a result and a pattern that its figures fill
+`figures.toml` has a row for each figure: a result, and a title and a pattern that its figures fill
 in. A row whose code is newer than its result is marked *. `--check` writes nothing and exits with 1
 where a table is not what the results give, or a row is old.
 """
@@ -32,7 +32,8 @@ LEGEND = (
 class Row:
     """One figure."""
 
-    what: str
+    title: str
+    """Of what it is a figure; like `figure` with {names} of the result's figures."""
     figure: str
     """With {names} of the result's figures."""
     command: str
@@ -43,10 +44,14 @@ class Row:
     """Whether it stands in the README too."""
 
     @property
+    def what(self) -> str:
+        """Of what it is a figure, as a table shows it."""
+        return self._filled(self.title)
+
+    @property
     def text(self) -> str:
         """The figure as a table shows it, with its mark."""
-        figures = self._certificate["figures"]
-        filled = self.figure.format(figures=figures, **figures)
+        filled = self._filled(self.figure)
         return f"{filled} *" if self.is_old else filled
 
     @property
@@ -54,11 +59,15 @@ class Row:
         """Whether its code is newer."""
         return is_old(self._certificate)
 
+    def _filled(self, pattern: str) -> str:
+        figures = self._certificate["figures"]
+        return pattern.format(figures=figures, **figures)
+
     @property
     def _certificate(self) -> dict[str, Any]:
         result = kept(self.result)
         if result is None:
-            raise FileNotFoundError(f"{self.what}: there is no result {self.result!r}")
+            raise FileNotFoundError(f"{self.title}: there is no result {self.result!r}")
         return result
 
 
@@ -66,7 +75,7 @@ def rows() -> tuple[Row, ...]:
     """Return all rows in their order."""
     with ROWS.open("rb") as file:
         found: list[dict[str, Any]] = tomllib.load(file)["row"]
-    return tuple(Row(**each) for each in found)
+    return tuple(Row(each.pop("what"), **each) for each in found)
 
 
 def readme_table() -> str:
