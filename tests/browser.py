@@ -207,7 +207,8 @@ def drawn_picture(page: "Page", screen: Screen) -> bytes:
 def tab_pictures(page: "Page", first: bytes, screen: Screen) -> Iterator[bytes]:
     """A picture of each tab behind the first; a page has none."""
     row = sum(screen.tab_bar) / 2
-    scale = page.evaluate("window.innerWidth") / screen.width  # of a narrow page, laid out wider
+    with Image.open(BytesIO(first)) as picture:  # of a narrow page, laid out wider, as wide as that
+        scale = page.evaluate("window.innerWidth") / picture.width
     for x in tab_places(first, screen.tab_bar)[1:]:
         page.mouse.click(x * scale, row * scale)
         yield settled_picture(page)
