@@ -60,7 +60,9 @@ class RunState:
         if name not in self.turbines:
             if self._kept is not None and len(self.turbines) >= MOST_TURBINES_KNOWN:
                 del self.turbines[min(self.turbines, key=self._received)]
-            self.turbines[name] = TurbineState(name, kept=self._kept)
+            self.turbines[name] = (
+                TurbineState(name) if self._kept is None else TurbineState.bounded(name, self._kept)
+            )
         return self.turbines[name]
 
     @property

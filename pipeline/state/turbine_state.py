@@ -143,10 +143,12 @@ class TurbineState:
     last_ns: int | None = None
     """End of the latest sample [ns since 1970-01-01 UTC]."""
 
-    def __post_init__(self) -> None:
-        if self.kept is not None:
-            self.tracks = CombinedTracks(MOST_TRACKS)
-            self.window_warnings = DistinctWarnings(MOST_WINDOW_WARNINGS)
+    @classmethod
+    def bounded(cls, turbine: str, kept: int) -> "TurbineState":
+        """Return the state of a live run's turbine, which holds as much after years as after a
+        day."""
+        tracks, warnings = CombinedTracks(MOST_TRACKS), DistinctWarnings(MOST_WINDOW_WARNINGS)
+        return cls(turbine, kept, tracks=tracks, window_warnings=warnings)
 
     def fold(self, message: Message, *, counts: bool = True) -> None:
         """Take one message into account.

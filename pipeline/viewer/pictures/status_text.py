@@ -49,7 +49,7 @@ class SessionStatus:
         self._has_structure = has_structure
         self.turbine = turbine
         self._heading = f"{title} ({turbine})" if title and title != turbine else turbine
-        self.state = TurbineState(turbine, kept=_LISTED)
+        self.state = TurbineState.bounded(turbine, kept=_LISTED)
 
     def take(self, message: Message) -> None:
         """Take one message of the turbine into account."""

@@ -1,5 +1,7 @@
 """RunState: each message folded once; summary, status, figures and indicators agree on it."""
 
+from dataclasses import replace
+
 from pipeline.messages import QualityWarning, WindowRejected
 from pipeline.monitoring.status import status_figures
 from pipeline.monitoring.summary import run_figures, turbine_figures
@@ -80,6 +82,20 @@ def test_modes_and_warnings_of_a_live_run_are_of_all_windows_although_few_are_ke
     assert kept.modes[0].shape == (1.0, 1.03)  # of the window that saw it sharpest, long gone
     assert kept.warnings == of_all.warnings
     assert len(kept.warnings) == 30
+
+
+def test_modes_and_warnings_are_kept_beside_the_nodes_of_a_session_of_another_name() -> None:
+    """A live session has its scenario's name until a unit sends under its own: on main before, its
+    summary had no modes and no warning of a window, whatever was identified."""
+    run = RunState(kept=3, once=True)
+    run.fold(replace(status("recorder"), turbine="scenario"))
+    warned = replace(estimate(0, mode("m1", 1.0, 0.1)), warnings=(QualityWarning("code", "text"),))
+    run.fold(warned)
+    (reported,) = run.measured.values()
+    assert set(reported.statuses) == {"recorder"}
+    assert [each.name for each in reported.modes] == ["m1"]
+    assert [each.code for each in reported.warnings] == ["code"]
+    assert len(run_figures(run, reported.turbine, source="live", live=True)["modes"]) == 1
 
 
 def test_what_a_live_run_keeps_of_tracks_and_warnings_is_bounded(monkeypatch) -> None:
