@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pipeline.nodes.node import Node
 from pipeline.runtime.errors import NodeFailed
 from pipeline.runtime.lock_step import NodeAccount
-from pipeline.runtime.source_feed import STOPPED_WITHIN
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -20,7 +19,7 @@ logger = logging.getLogger(__name__)
 
 STATUS_PERIOD = 1.0  # longest time between two statuses of a running node [s]
 STATUS_BLOCKS = 16  # a status at the latest after so many blocks, so that the source can go on
-DRAINED_WITHIN = 2.0  # what a node has received when it is asked to stop [s]
+DRAINED_WITHIN = 1.0  # what a node has received when it is asked to stop [s]
 LEAST_PATIENCE = 0.2  # with the last of them [s]
 TRIM_PERIOD = 60.0  # between two returns of freed memory [s]
 
@@ -85,14 +84,20 @@ class NodeThread(threading.Thread):
         if self._failure is not None:
             raise NodeFailed(f"node {self.name} failed: {self._failure!r}") from self._failure
 
-    def stop(self, within: float = STOPPED_WITHIN) -> None:
-        """Let the node finish what it has, close it, and wait for it; not for longer [s]."""
+    def ask_to_stop(self) -> None:
+        """Let the node finish what it has and close its files."""
         self._stopping.set()
+
+    def has_ended(self, within: float) -> bool:
+        """Wait for the node's end, not for longer [s]; report whether it came."""
         self.join(max(within, LEAST_PATIENCE))
-        if self.is_alive():
-            logger.error(
-                "node %s is busy and does not stop; what it has not answered is recorded", self.name
-            )
+        return not self.is_alive()
+
+    def abandon(self) -> None:
+        """Say that it is busy; the thread ends with its process."""
+        logger.error(
+            "node %s is busy and does not stop; what it has not answered is recorded", self.name
+        )
 
 
 def busy_nodes() -> list[str]:

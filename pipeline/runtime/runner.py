@@ -71,19 +71,34 @@ def run_workers(
         except RunEnded:
             logger.info("the session was ended early")
         finally:
-            deadline = time.monotonic() + patience
-            for worker, kept in zip(workers, _kept_for_others(workers), strict=True):
-                worker.stop(deadline - kept - time.monotonic())
+            _stop(workers, time.monotonic() + patience)
         for worker in workers:
             worker.check()
 
 
-def _kept_for_others(workers: Sequence[Worker]) -> list[float]:
-    """Return how much of the time in which all stop each leaves to those behind it [s].
+def _stop(workers: Sequence[Worker], deadline: float) -> None:
+    """Stop in the order of the flow: the recorder sees the nodes before it stop.
 
-    They stop in the order of the flow: the recorder sees the others stop.
+    The nodes before it leave it KEPT_FOR_RECORDER, it leaves KEPT_FOR_LAST to those behind it.
     """
     names = [worker.name for worker in workers]
-    recorder = names.index(RECORDER) if RECORDER in names else len(names) - 1
-    kept = [KEPT_FOR_RECORDER] * recorder + [KEPT_FOR_LAST] * (len(names) - recorder)
-    return [*kept[:-1], 0.0]
+    recorder = names.index(RECORDER) if RECORDER in names else len(names)
+    before, after = workers[:recorder], workers[recorder + 1 :]
+    closing = deadline - (KEPT_FOR_LAST if after else 0.0)
+    _stop_in_turn(before, deadline - (KEPT_FOR_RECORDER if RECORDER in names else 0.0))
+    _stop_in_turn(workers[recorder : recorder + 1], closing)
+    _stop_in_turn(after, deadline)
+
+
+def _stop_in_turn(workers: Sequence[Worker], deadline: float) -> None:
+    """Ask one after the other; each has a share of the time before the next one is asked.
+
+    One that computes longer goes on beside those after it: at the end of a window the first nodes
+    have seconds of work, and the viewer has pictures to finish.
+    """
+    for asked, worker in enumerate(workers):
+        worker.ask_to_stop()
+        worker.has_ended((deadline - time.monotonic()) / (len(workers) - asked))
+    for worker in workers:
+        if not worker.has_ended(deadline - time.monotonic()):
+            worker.abandon()

@@ -50,8 +50,16 @@ class Worker(Protocol):
         NodeFailed."""
         ...
 
-    def stop(self, within: float = STOPPED_WITHIN) -> None:
-        """Let the node finish what it has, close it, and wait for it; not for longer [s]."""
+    def ask_to_stop(self) -> None:
+        """Let the node finish what it has and close its files."""
+        ...
+
+    def has_ended(self, within: float) -> bool:
+        """Wait for the node's end, not for longer [s]; report whether it came."""
+        ...
+
+    def abandon(self) -> None:
+        """Go on without a node that was asked to stop and has not ended."""
         ...
 
 

@@ -25,8 +25,7 @@ logger = logging.getLogger(__name__)
 
 MISTAKE = 2  # exit code where a person has to correct something; to try again would not help
 STANDARD_INPUT = 0  # file descriptor
-STOP_TIMEOUT = 9.0  # for a node to finish what it has when it is asked to stop [s]
-LEAST_STOP_TIMEOUT = 0.5  # the same, of the last of several [s]
+LEAST_STOP_TIMEOUT = 0.5  # for a node to end, however late it is [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,34 +107,37 @@ class SupervisedProcess:
         if code is not None:
             self._note_end(code)
 
-    def stop(self, within: float = STOP_TIMEOUT) -> None:
-        """Send SIGTERM and wait until files are closed; one that hangs is killed.
-
-        Parameters
-        ----------
-        within : float, optional
-            How long is waited [s].
-        """
+    def ask_to_stop(self) -> None:
+        """Send SIGTERM; it is not started again."""
         self._due = None
-        process, self._process = self._process, None
-        if process is None:
-            return
-        process.terminate()
+        if self._process is not None:
+            self._process.terminate()
+
+    def has_ended(self, within: float) -> bool:
+        """Wait until its files are closed, not for longer [s]; report whether it has ended."""
+        if self._process is None:
+            return True
         try:
-            self._exit_code = process.wait(max(within, LEAST_STOP_TIMEOUT))
+            self._exit_code = self._process.wait(max(within, LEAST_STOP_TIMEOUT))
         except subprocess.TimeoutExpired:
-            logger.error(
-                "node %s is busy and does not stop; what it has not answered is recorded", self.name
-            )
-            process.kill()
-            process.wait()
-            self._exit_code = 0
-        _let_go(process)
+            return False
+        self._let_go()
+        return True
+
+    def abandon(self) -> None:
+        """Kill a process that was asked to stop and has not ended."""
+        if self._process is None:
+            return
+        logger.error(
+            "node %s is busy and does not stop; what it has not answered is recorded", self.name
+        )
+        self._process.kill()
+        self._process.wait()
+        self._exit_code = 0
+        self._let_go()
 
     def _note_end(self, code: int) -> None:
-        assert self._process is not None
-        _let_go(self._process)
-        self._process = None
+        self._let_go()
         ran = self._clock() - self._started
         self._failures = 1 if ran >= self._back_off.proven else self._failures + 1
         text = f"node {self.name} ended by itself with exit code {code}"
@@ -145,10 +147,12 @@ class SupervisedProcess:
         self._due = self._clock() + delay
         logger.warning("%s after %.1f s; it is started again in %g s", text, ran, delay)
 
-
-def _let_go(process: "subprocess.Popen[bytes]") -> None:
-    if process.stdin is not None:
-        process.stdin.close()
+    def _let_go(self) -> None:
+        """Forget a process that has ended, and the pipe that it was tied by."""
+        assert self._process is not None
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        self._process = None
 
 
 def stopped_with_parent(stopping: threading.Event, descriptor: int = STANDARD_INPUT) -> None:

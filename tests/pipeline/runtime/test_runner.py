@@ -4,7 +4,6 @@ import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import count
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from pipeline.runtime.node_thread import DRAINED_WITHIN, NodeThread, serve
 from pipeline.runtime.runner import (
     KEPT_FOR_LAST,
     KEPT_FOR_RECORDER,
-    _kept_for_others,
+    _stop,
     run_workers,
 )
 from pipeline.runtime.source_feed import STOPPED_WITHIN, with_end
@@ -130,9 +129,9 @@ class Slow(NodeThread):
 
     waited = 0.0
 
-    def stop(self, within: float = STOPPED_WITHIN) -> None:
-        self.waited = within
-        super().stop(within)
+    def has_ended(self, within: float) -> bool:
+        self.waited = max(self.waited, within)
+        return super().has_ended(within)
 
 
 def test_a_run_whose_source_has_ended_waits_for_its_nodes_to_close_their_files() -> None:
@@ -268,7 +267,9 @@ def test_a_node_that_never_answers_does_not_keep_the_run_from_ending() -> None:
     bus.publish(acceleration_block(0))
     (thread,) = threaded(bus, Stuck())
     thread.start()
-    thread.stop(0.0)
+    thread.ask_to_stop()
+    assert not thread.has_ended(0.0)
+    thread.abandon()
     assert thread.is_alive()
     stuck.set()
     thread.join()
@@ -291,11 +292,75 @@ def test_a_layout_is_no_first_block(
     assert status.has_blocks is has_blocks
 
 
-def test_the_recorder_has_time_left_when_the_nodes_before_it_have_ended() -> None:
-    def kept(*names: str) -> list[float]:
-        return _kept_for_others([SimpleNamespace(name=name) for name in names])  # type: ignore[misc]
+class Stopping:
+    """A worker that needs some seconds to stop, by a clock that stands while nobody waits."""
 
+    inputs: tuple[type, ...] = ()
+    restarts = 0
+
+    def __init__(self, name: str, needs: float, now: list[float]) -> None:
+        self.name, self._needs, self._now = name, needs, now
+        self.asked = self.ended = self.abandoned = np.nan  # [s]
+
+    def start(self) -> None: ...
+    def check(self) -> None: ...
+
+    def ask_to_stop(self) -> None:
+        self.asked = self._now[0]
+
+    def has_ended(self, within: float) -> bool:
+        end = self.asked + self._needs
+        if end > self._now[0] + max(within, 0.0):
+            self._now[0] += max(within, 0.0)
+            return False
+        self._now[0] = max(self._now[0], end)
+        self.ended = end
+        return True
+
+    def abandon(self) -> None:
+        self.abandoned = self._now[0]
+
+
+def stopped(monkeypatch: pytest.MonkeyPatch, **needs: float) -> dict[str, Stopping]:
+    """Stop workers that need so many seconds, in 7."""
+    now = [0.0]
+    monkeypatch.setattr("pipeline.runtime.runner.time.monotonic", lambda: now[0])
+    workers = {name: Stopping(name, seconds, now) for name, seconds in needs.items()}
+    _stop(tuple(workers.values()), 7.0)
+    return workers
+
+
+def test_a_node_that_computes_does_not_cost_those_behind_it_their_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Windows of four turbines closed as the run was stopped; on main before, the identification
+    had all the time, and the viewer was killed with its pictures open."""
+    done = stopped(monkeypatch, identification=2.6, updating=9.0, viewer=0.9, recorder=0.4)
+    assert np.isnan([each.abandoned for each in done.values()]).tolist() == [
+        True,
+        False,
+        True,
+        True,
+    ]
+    assert done["recorder"].asked >= done["updating"].abandoned >= 7.0 - KEPT_FOR_RECORDER
+
+
+def test_nodes_stop_in_the_order_of_the_flow_when_they_are_quick(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done = stopped(monkeypatch, identification=0.5, updating=0.4, recorder=0.3, viewer=0.2)
+    assert [each.asked for each in done.values()] == pytest.approx([0.0, 0.5, 0.9, 1.2])
+    assert all(np.isnan(each.abandoned) for each in done.values())
+
+
+def test_the_recorder_has_time_left_when_the_nodes_before_it_hang(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done = stopped(monkeypatch, identification=np.inf, recorder=np.inf, viewer=np.inf)
+    given = {name: each.abandoned - each.asked for name, each in done.items()}
     late, last = KEPT_FOR_RECORDER, KEPT_FOR_LAST
-    assert kept("identification", "updating", "recorder", "viewer") == [late, late, last, 0.0]
-    assert kept("identification", "updating", "viewer") == [late, late, 0.0]
-    assert kept("recorder") == [0.0]
+    assert given == pytest.approx(
+        {"identification": 7.0 - late, "recorder": late - last, "viewer": last}
+    )
+    (alone,) = stopped(monkeypatch, recorder=np.inf).values()
+    assert alone.abandoned == 7.0

@@ -59,7 +59,7 @@ def test_a_killed_node_is_started_again_after_its_back_off() -> None:
         process.check()
         assert process.pid is not None
         assert process.restarts == failures
-    process.stop()
+    process.abandon()
     process.check()
 
 
@@ -147,7 +147,8 @@ def test_a_child_that_is_told_to_stop_ends_without_an_error(
     process = SupervisedProcess(Listener, [sys.executable, "-c", TOLD.format(up=str(tmp_path))])
     process.start()
     assert eventually(lambda: (tmp_path / "up").exists())
-    process.stop()
+    process.ask_to_stop()
+    assert process.has_ended(PATIENCE)
     process.check()
     assert not caplog.records  # it did not have to be killed
 
@@ -174,4 +175,4 @@ def test_the_pipe_to_a_node_that_has_ended_is_closed() -> None:
     killed.kill()
     assert eventually(has_ended(process))
     assert killed.stdin.closed
-    process.stop()
+    process.abandon()
