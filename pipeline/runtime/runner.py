@@ -31,8 +31,8 @@ logger = logging.getLogger(__name__)
 
 CLOSED_WITHIN = 120.0  # all nodes, when all is handled and nothing presses: files of a slow machine
 KEPT_FOR_RECORDER = 4.0  # of that, when the nodes before it have ended [s]
-KEPT_FOR_LAST = 1.0  # of that, for what follows the recorder [s]
-RECORDER = "recorder"
+KEPT_FOR_VIEWER = 1.0  # of that, when the recorder has ended [s]
+RECORDER, VIEWER = "recorder", "viewer"
 
 
 def run_workers(
@@ -79,22 +79,22 @@ def run_workers(
 def _stop(workers: Sequence[Worker], deadline: float) -> None:
     """Stop in the order of the flow: the recorder sees the nodes before it stop.
 
-    The nodes before it leave it KEPT_FOR_RECORDER, it leaves KEPT_FOR_LAST to those behind it.
+    They leave it KEPT_FOR_RECORDER. The viewer, whose answers nothing records, stops behind it and
+    has at least KEPT_FOR_VIEWER.
     """
-    names = [worker.name for worker in workers]
-    recorder = names.index(RECORDER) if RECORDER in names else len(names)
-    before, after = workers[:recorder], workers[recorder + 1 :]
-    closing = deadline - (KEPT_FOR_LAST if after else 0.0)
-    _stop_in_turn(before, deadline - (KEPT_FOR_RECORDER if RECORDER in names else 0.0))
-    _stop_in_turn(workers[recorder : recorder + 1], closing)
-    _stop_in_turn(after, deadline)
+    recorder = [each for each in workers if each.name == RECORDER]
+    viewer = [each for each in workers if each.name == VIEWER]
+    others = [each for each in workers if each.name not in (RECORDER, VIEWER)]
+    _stop_in_turn(others, deadline - (KEPT_FOR_RECORDER if recorder else 0.0))
+    _stop_in_turn(recorder, deadline - (KEPT_FOR_VIEWER if viewer else 0.0))
+    _stop_in_turn(viewer, deadline)
 
 
 def _stop_in_turn(workers: Sequence[Worker], deadline: float) -> None:
     """Ask one after the other; each has a share of the time before the next one is asked.
 
     One that computes longer goes on beside those after it: at the end of a window the first nodes
-    have seconds of work, and the viewer has pictures to finish.
+    have seconds of work.
     """
     for asked, worker in enumerate(workers):
         worker.ask_to_stop()
