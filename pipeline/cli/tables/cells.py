@@ -31,3 +31,10 @@ def table_of(title: str, *texts: str, figures: Iterable[str] = (), no_wrap: bool
 def format_value(figure: float | None, form: str) -> str:
     """Return a figure in its format, or `unknown`."""
     return "unknown" if figure is None else format(figure, form)
+
+
+def format_short(figure: float | None) -> str:
+    """Return three significant digits of a figure, up to a million without an exponent."""
+    if figure is None or not 1e3 <= abs(figure) < 1e6:
+        return format_value(figure, ".3g")
+    return f"{float(f'{figure:.3g}'):.0f}"

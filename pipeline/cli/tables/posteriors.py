@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 from rich.markup import escape
 
-from pipeline.cli.tables.cells import format_value
+from pipeline.cli.tables.cells import format_short, format_value
 from pipeline.farm.farm import Farm
 from pipeline.messages import FoundationPosterior
 from pipeline.state.phrases import FIGURES_NOTE, count_noun, figure_name
@@ -61,14 +61,16 @@ def posterior_table(posterior: Json) -> Table:
 def figures_tables(posterior: Json) -> list[Table]:
     """Return the table of the structure's figures; none where they are taken as known.
 
-    From the data: by how much they narrowed the prior's interval; a rough model's, wider, is 0.
+    Narrowed: by how much the data narrowed the prior's interval; a rough model's, wider, is 0.
     """
     if not posterior["figures"]:
         return []
-    headings = ("", "median", "90 % interval", "unit", "from the data [%]")
-    table = table_of("Figures of the structure and its sensors", figures=headings, no_wrap=True)
+    table = table_of("Figures of the structure and its sensors")
+    table.add_column("", justify="right", overflow="fold")
+    for title in ("median", "90 % interval", "unit", "narrowed [%]"):
+        table.add_column(escape(title), justify="right", no_wrap=True)
     for name, each in posterior["figures"].items():
-        median, low, high = (format_value(each[key], ".3g") for key in ("median", "p05", "p95"))
+        median, low, high = (format_short(each[key]) for key in ("median", "p05", "p95"))
         narrowed = each.get("contraction")  # older summaries have none
         table.add_row(
             escape(figure_name(name)),
@@ -78,7 +80,7 @@ def figures_tables(posterior: Json) -> list[Table]:
             format_value(None if narrowed is None else 100 * max(narrowed, 0.0), ".0f"),
         )
     table.caption = (
-        f"{FIGURES_NOTE}; from the data: how much they narrowed what was assumed beforehand"
+        f"{FIGURES_NOTE}; narrowed: by how much the data narrowed what was assumed beforehand"
     )
     return [table]
 

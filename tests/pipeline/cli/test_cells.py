@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from pipeline.cli.tables.cells import format_value
-from pipeline.cli.tables.posteriors import farm_table
+from pipeline.cli.tables.cells import format_short, format_value
+from pipeline.cli.tables.posteriors import farm_table, figures_tables
 from pipeline.cli.tables.recordings import recording_tables
 from pipeline.messages import ParameterSummary, StreamGap
 from pipeline.recording.info import RecordingInfo, UnitInfo
@@ -27,8 +27,26 @@ def test_a_noun_follows_its_count() -> None:
     assert (count_noun(1, "window"), count_noun(2, "window")) == ("1 window", "2 windows")
 
 
-def printed(*tables: Any) -> str:
-    console = Console(width=200, record=True, file=Path("/dev/null").open("w"))  # noqa: SIM115
+@pytest.mark.parametrize(
+    ("figure", "text"),
+    [(None, "unknown"), (-0.00573, "-0.00573"), (81849.0, "81800"), (1.234e7, "1.23e+07")],
+)
+def test_a_mass_of_tons_needs_no_exponent(figure: float | None, text: str) -> None:
+    assert format_short(figure) == text
+
+
+def test_no_figure_of_the_structure_is_cut_on_a_terminal_of_eighty_columns() -> None:
+    """On main before, `8.18e+…` stood there, of an interval `2.11e+03 to 2.33e+…`."""
+    mass = {"median": 81849.0, "p05": -210_400.0, "p95": 233_300.0, "unit": "kg"}
+    gain = {"median": -0.00573, "p05": -0.00773, "p95": 0.00557, "unit": "deg", "contraction": 1.0}
+    figures = {"transition_piece": mass, "nacelle_pitch_inertia": gain, "gain z145-fa": gain}
+    text = printed(*figures_tables({"figures": figures}), width=80)
+    assert "…" not in text
+    assert "-210000 to 233000" in text
+
+
+def printed(*tables: Any, width: int = 200) -> str:
+    console = Console(width=width, record=True, file=Path("/dev/null").open("w"))  # noqa: SIM115
     for table in tables:
         console.print(table)
     return console.export_text()
