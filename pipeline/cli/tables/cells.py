@@ -7,7 +7,7 @@ from rich.table import Table
 
 
 def table_of(title: str, *texts: str, figures: Iterable[str] = (), no_wrap: bool = False) -> Table:
-    """Return an empty table in the common style.
+    """Return an empty table in the common style, no word of whose headings is cut.
 
     Parameters
     ----------
@@ -22,10 +22,16 @@ def table_of(title: str, *texts: str, figures: Iterable[str] = (), no_wrap: bool
     """
     table = Table(title=title, title_justify="left", caption_justify="left", header_style="bold")
     for heading in texts:
-        table.add_column(escape(heading), no_wrap=no_wrap)
+        table.add_column(escape(heading), no_wrap=no_wrap, min_width=_longest_word(heading))
     for heading in figures:
-        table.add_column(escape(heading), justify="right", no_wrap=no_wrap)
+        table.add_column(
+            escape(heading), justify="right", no_wrap=no_wrap, min_width=_longest_word(heading)
+        )
     return table
+
+
+def _longest_word(heading: str) -> int:
+    return max(map(len, heading.split()), default=0)
 
 
 def format_value(figure: float | None, form: str) -> str:

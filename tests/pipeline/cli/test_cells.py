@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from pipeline.cli.tables.cells import format_short, format_value
+from pipeline.cli.tables.cells import format_short, format_value, table_of
 from pipeline.cli.tables.posteriors import farm_table, figures_tables
 from pipeline.cli.tables.recordings import recording_tables
 from pipeline.messages import ParameterSummary, StreamGap
@@ -43,6 +43,17 @@ def test_no_figure_of_the_structure_is_cut_on_a_terminal_of_eighty_columns() -> 
     text = printed(*figures_tables({"figures": figures}), width=80)
     assert "…" not in text
     assert "-210000 to 233000" in text
+
+
+def test_no_word_of_a_heading_is_cut_on_a_terminal_of_eighty_columns() -> None:
+    """On main before, the status of a session had columns "conditi…" and "recover…"."""
+    headings = ("silent [s]", "behind [blocks]", "received", "lost", "recovered")
+    table = table_of("nodes", "node", "condition", figures=headings)
+    table.columns[0].no_wrap = True  # as of the status: shares of a node differ in the last letters
+    table.add_row("identification", "alive", "0.8", "", "1261", "0", "8")
+    text = printed(table, width=80)
+    assert "…" not in text
+    assert all(word in text for heading in headings for word in heading.split())
 
 
 def printed(*tables: Any, width: int = 200) -> str:
