@@ -47,6 +47,7 @@ _NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?!\d|\.\d)")
 _COMPASS = re.compile(r"(?<![A-Za-z])(?:N[-/ ]?S|S[-/ ]?N|[EO][-/ ]?W|W[-/ ]?[EO])(?![A-Za-z])")
 _SEED = re.compile(r"\.[A-Z]{2}([NEZ])$")  # last letter of a SEED channel code: its orientation
 _OPENFAST = re.compile(r"(?:TwHt\dAL|YawBrTA|NcIMUTA)([xyz])[tps]$")  # accelerations of the tower
+_LOAD = re.compile(r"[a-z0-9][FM]L?[xyz](?:[A-Za-z]\d?)?$")  # TwrBsMxt, RootFzb1: OpenFAST's loads
 _ANSWER = re.compile(r"(?P<height>[-+]?\d+(?:[.,]\d+)?) ?m?,? *(?P<sign>-?)(?P<axis>[a-z]+)")
 _TRAILING = re.compile(r"(?:\d|\b[Aa][Cc]?[Cc]?)([XYZxyz])(?![A-Za-z])")
 
@@ -58,6 +59,8 @@ WIND_SPEED = (
 ROTOR_SPEED = ("drehzahl", "toerental", "omdrejninger", "omdrejningstal", "turtall", "varvtal")
 POWER = ("leistung", "vermogen", "effekt", "puissance", "potencia")
 WATER_LEVEL = ("wasserstand", "pegel", "waterstand", "vandstand", "vannstand", "vattenstånd")
+
+BENDING = ("biegemoment", "buigmoment", "bøjningsmoment", "effort", "fuerza", "momento")
 
 # Words of a name, in lower case, that stand for what is no motion of the structure.
 CONDITIONS = {
@@ -79,9 +82,10 @@ CONDITIONS = {
         ("wave", "tide", "waterlevel", "sealevel", "water", "sea", *WATER_LEVEL),
         "the sea",
     ),
+    **dict.fromkeys(("force", "moment", "thrust", "load", "kraft", *BENDING), "a load"),
     **dict.fromkeys(("status", "state", "flag", "counter", "record", "valid"), "a state"),
 }
-_UNSURE = {"the logger's supply", "a state", "constant"}  # may be a motion all the same
+_UNSURE = {"the logger's supply", "a state", "a load", "constant"}  # may be a motion all the same
 # Units of such quantities; patterns over the unit in lower case without blanks.
 _OTHER_UNIT = re.compile(
     r"[kmg]?w|rpm|1/min|[kmg]?n|[kmg]?n[-*·]?m|[kmgh]?pa|m?bar|hz|%|(?:deg|°)[\s_]*[cf]|degc|k|"
@@ -283,6 +287,8 @@ def other_quantity(name: str, unit: str) -> str:
         return f"measured in {unit}"
     if name.startswith("YawBr"):  # OpenFAST's tower top
         return ""
+    if _LOAD.search(name):
+        return "a load"
     return next((CONDITIONS[word] for word in words_of(name) if word in CONDITIONS), "")
 
 

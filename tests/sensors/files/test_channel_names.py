@@ -116,6 +116,13 @@ def test_orientations_of_standards_are_known(name: str, direction: tuple[int, in
         ("TwrBsMyt", "kN-m"),
         ("Wave1Elev", "m"),
         ("LoadCell", "kN"),
+        ("TwrBsMxt", ""),
+        ("MudFz", ""),
+        ("Sec0mMy", ""),
+        ("TwHt1MLxt", ""),
+        ("RootMxc1", ""),
+        ("thrust_kN", ""),
+        ("Biegemoment 12 m", ""),
     ],
 )
 def test_what_is_no_motion_is_recognised(name: str, unit: str) -> None:
@@ -135,6 +142,9 @@ def test_what_is_no_motion_is_recognised(name: str, unit: str) -> None:
         ("ch1", "V"),
         ("tilt_85", "deg"),
         ("z145-fa", "m/s²"),
+        ("AccTopFx", "m/s²"),
+        ("FMx", ""),
+        ("z145Fa", ""),
     ],
 )
 def test_motions_and_what_may_be_one_stay(name: str, unit: str) -> None:
@@ -191,3 +201,16 @@ def test_channels_without_a_scale_are_left_out_beside_channels_that_have_one() -
         "z60-fa (in furlong, beside channels in m/s²)",
     ]
     assert split_motions(table_of("V", "V")) == ([0, 1], ())
+
+
+def test_loads_alone_are_used_and_left_out_beside_motions() -> None:
+    """Of a file without units; moments at the mudline have harmonics of the waves."""
+
+    def table(*names: str) -> ChannelTable:
+        samples = np.random.default_rng(0).standard_normal((10, len(names)))
+        return ChannelTable(names, ("",) * len(names), samples, None)
+
+    columns, left_out = split_motions(table("acc1_fa", "acc1_ss", "MudMx", "thrust_kN"))
+    assert columns == [0, 1]
+    assert [str(each) for each in left_out] == ["MudMx (a load)", "thrust_kN (a load)"]
+    assert split_motions(table("MudMx", "MudMy")) == ([0, 1], ())
