@@ -113,9 +113,9 @@ def pairs_by_track(
 def _member_pair(mode: Mode, pair: ModePair, posterior: FoundationPosterior) -> ModePair:
     if posterior.model_shapes.shape[1] != len(mode.shape):
         return pair
-    near = np.abs(posterior.model_frequencies - pair.frequency) <= max(
-        3 * mode.frequency_std, abs(pair.model_frequency - pair.frequency)
-    )
+    # A rough model's two modes lie on one side of the pair, the other one farther off.
+    apart = max(mode.frequency_std, abs(pair.model_frequency - pair.frequency))
+    near = np.abs(posterior.model_frequencies - pair.frequency) <= 3 * apart
     mac = modal_assurance_criterion(posterior.model_shapes, mode.shape[None])[:, 0] * near
     best = int(np.argmax(mac))
     return replace(

@@ -88,6 +88,16 @@ def test_two_modes_that_cannot_be_separated_go_by_their_shapes() -> None:
     assert all(each["mac_to_model"] == pytest.approx(1 / 1.01) for each in entries)
 
 
+def test_of_a_rough_model_the_farther_mode_is_found_by_its_shape_too() -> None:
+    """On main before, both were called SS1, one of them with a MAC of .001."""
+    side = replace(mode("m1", 0.155, 0.0005, pair_id="p"), shape=np.array([0.03, 1.0]))
+    fore = replace(mode("m2", 0.155, 0.0005, pair_id="p"), shape=np.array([1.0, -0.03]))
+    pair = ModePair("m1+m2", "1", 0.155, 0.0005, 0.1573, 1.0, shape_used=False)
+    combined = combined_modes([estimate(0, side, fore)], posterior(pair))
+    assert [each.name for each in combined] == ["1", "2"]
+    assert [each.pair.mac for each in combined if each.pair] == pytest.approx([1 / 1.0009] * 2)
+
+
 def test_an_unknown_std_is_null_and_not_nan() -> None:
     (combined,) = combined_modes([estimate(0, mode("m1", 1.0, float("nan")))])
     assert combined.as_json()["frequency_std_hz"] is None
