@@ -130,6 +130,11 @@ def detect_encoding(beginning: bytes, path: Path) -> str:
     for magic, what in NO_TEXT.items():
         if beginning.startswith(magic):
             raise FileError(f"{path}: this is no text but {what}")
+    if beginning.lstrip().startswith(b"{"):
+        raise FileError(
+            f"{path}: this is JSON and no table of columns: save it as CSV; messages of a live "
+            "source are read by `pilewatch feed` with a mapping"
+        )
     even, odd = beginning[::2].count(0), beginning[1::2].count(0)
     if even or odd:
         half = len(beginning) // 2

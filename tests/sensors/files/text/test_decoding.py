@@ -63,3 +63,10 @@ def test_a_cut_archive_is_one_line(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:300])
     with pytest.raises(FileError, match="an archive or a workbook"):
         channels_in(path)
+
+
+def test_messages_in_a_file_are_one_line_that_says_what_reads_them(tmp_path: Path) -> None:
+    path = tmp_path / "lines.jsonl"
+    path.write_text('{"ts": "2026-01-01T00:00:00Z", "z10": 0.1}\n' * 3)
+    with pytest.raises(FileError, match=r"this is JSON and no table.*pilewatch feed"):
+        channels_in(path)
