@@ -420,6 +420,25 @@ def test_a_killed_feed_publishes_what_it_had_confirmed_and_not_published(
     assert again.absent == 0
 
 
+def test_what_a_broker_has_kept_comes_whole_however_much_it_is(
+    running: Broker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes before the broker's answer to the subscription."""
+    monkeypatch.setattr("sensors.feeds.mqtt.WAITING_MESSAGES", 20)
+    address = f"mqtt://127.0.0.1:{running.port}/many/#?client=many-{free_port()}"
+    live = open_feed(address, LAYOUT)
+    measured_until(live, lambda: live.counts.connected, lambda: None)
+    with publisher(running.port) as client:
+        for number in range(500):
+            client.publish("many/a", frame(number))
+        client.settled()
+    again = open_feed(address, LAYOUT)
+    given = measured_until(again, lambda: again.counts.received >= 500, lambda: None)
+
+    assert [int(block.samples[0, 0]) for block in blocks_of(given)] == list(range(500))
+    assert (again.counts.lost, again.counts.connections) == (0, 1)
+
+
 def test_what_a_broker_did_not_keep_is_counted_by_the_stamps(
     running: Broker, tmp_path: Path
 ) -> None:
