@@ -6,10 +6,11 @@ A message's format is recognised (format=auto), or given by the option: `json` (
 `float32` (`frame.py`) or `cpsens` (`cpsens.py`); mapping=NAME or mapping=FILE reads other JSON and
 Sparkplug B (`mapping.py`). With client=NAME the broker keeps what comes while the link
 is cut (quality of service 1 or 2), and gives it afterwards; without, it is lost, and counted where
-messages are numbered. A feed that remembers keeps each message on disk until it is published
-(`message_journal.py`). mqtt=5 speaks MQTT 5 instead of 3.1.1. mqtts:// checks the broker's
-certificate, by the authorities in ca=FILE or the system's; cert=FILE and key=FILE are the client's
-own.
+messages are numbered. Of Sparkplug B data whose birth certificate did not come the node is asked
+for it, unless rebirth=no; nothing else is ever published. A feed that remembers keeps each message
+on disk until it is published (`message_journal.py`). mqtt=5 speaks MQTT 5 instead of 3.1.1.
+mqtts:// checks the broker's certificate, by the authorities in ca=FILE or the system's; cert=FILE
+and key=FILE are the client's own.
 """
 
 import asyncio
@@ -18,7 +19,7 @@ import re
 import socket
 import ssl
 import time
-from collections.abc import Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import suppress
 from hashlib import sha256
 from importlib import import_module
@@ -27,7 +28,7 @@ from typing import Any, Protocol
 from sensors.bounded_dict import BoundedDict
 from sensors.extras import import_extra
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.message_journal import MessageJournal
+from sensors.feeds.message_journal import MessageJournal, TopicPayload
 from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
 from sensors.feeds.payloads.frame import FRAME_MAGIC
 from sensors.feeds.payloads.frame_reader import FrameReader
@@ -35,6 +36,7 @@ from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_o
 from sensors.feeds.payloads.mapped_reader import MappedReader
 from sensors.feeds.payloads.mapping import mapping_named
 from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
+from sensors.feeds.payloads.sparkplug import RebirthRequests
 from sensors.feeds.protocol import Arrival, ArrivalQueue, ChannelSamples, FeedCounts, FeedError
 from sensors.feeds.reconnect import LinkError, kept_connected
 
@@ -119,6 +121,7 @@ class MqttFeed:
     once     give up where the broker cannot be reached at the start
     journal  of messages that are not published yet; with one the broker keeps what comes while
              this feed is away, also without client=NAME
+    asking   gives what is to be published in turn: topics and payloads
 
     Raises FeedError where aiomqtt is missing, and for options that are none.
     """
@@ -131,11 +134,12 @@ class MqttFeed:
         *,
         once: bool,
         journal: MessageJournal | None = None,
+        asking: Callable[[], Sequence[TopicPayload]] = tuple,
     ) -> None:
         self.name = address.text
         self.counts = counts
         self._address, self._reader, self._once = address, reader, once
-        self._journal = journal
+        self._journal, self._asking = journal, asking
         self._client_id = address.options.get("client") or (
             None if journal is None else _stable_id(address)
         )
@@ -204,6 +208,8 @@ class MqttFeed:
                 reading.go_on_if_few_wait()
                 for arrival in self._of(message):
                     await inbox.put(arrival)
+                for topic, payload in self._asking():
+                    await client.publish(topic, payload, qos=0)
         except self._aiomqtt.MqttError:
             for message in reading.waiting():
                 for arrival in self._of(message):
@@ -369,8 +375,12 @@ class SamplesReader:
         self._format = address.one_of("format", FORMATS)
         self._counts = counts
         mapping, rate = address.options.get("mapping"), address.number("rate")
+        may_ask = address.one_of("rebirth", ("yes", "no")) == "yes"
+        self._rebirths = RebirthRequests() if may_ask else None
         self._mapped = (
-            None if mapping is None else MappedReader(mapping_named(mapping), names, counts, rate)
+            None
+            if mapping is None
+            else MappedReader(mapping_named(mapping), names, counts, rate, self._rebirths)
         )
         self._json = JsonReader(names, counts)
         self._frames = FrameReader(names, counts, address.secret("key").encode())
@@ -400,6 +410,10 @@ class SamplesReader:
             piece = self._cpsens.read(payload, topic)
         if piece is not None:
             yield piece
+
+    def asking(self) -> Sequence[TopicPayload]:
+        """What senders are asked: Sparkplug B nodes for their birth certificates."""
+        return () if self._rebirths is None else self._rebirths.taken()
 
     def learn(self, topic: str, payload: bytes) -> None:
         """Take the names of a birth certificate, or the metadata of a CP-SENS channel."""

@@ -15,7 +15,7 @@ from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.json_samples import MessageError, json_of
 from sensors.feeds.payloads.mapping import TIME_UNITS, Paths, PayloadMapping, looked_up
 from sensors.feeds.payloads.sequence_numbers import SenderNumbers
-from sensors.feeds.payloads.sparkplug import SparkplugDecoder
+from sensors.feeds.payloads.sparkplug import RebirthRequests, SparkplugDecoder
 from sensors.feeds.payloads.timestamps import LATEST_NS, moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
@@ -95,6 +95,8 @@ class MappedReader:
         Takes what is lost, late or duplicate.
     sampling_rate : float or None
         Of lists, if no message has it [Hz].
+    rebirths : RebirthRequests, optional
+        Takes Sparkplug B nodes whose birth certificates did not come; None: none is asked.
     """
 
     def __init__(
@@ -103,6 +105,7 @@ class MappedReader:
         listed: Collection[str],
         counts: FeedCounts,
         sampling_rate: float | None = None,
+        rebirths: RebirthRequests | None = None,
     ) -> None:
         self._mapping = mapping
         self._listed = frozenset(listed)
@@ -110,7 +113,7 @@ class MappedReader:
         self._only = re.compile(mapping.only)
         self._rename = dict(each.split("=", 1) for each in mapping.rename if "=" in each)
         self._counts, self._numbers = counts, SenderNumbers(counts)
-        self._sparkplug = SparkplugDecoder()
+        self._sparkplug = SparkplugDecoder(rebirths)
         self._unwrapped: BoundedDict[str, int] = BoundedDict()
 
     def read(self, payload: bytes, topic: str) -> Iterator[ChannelSamples]:
@@ -302,13 +305,14 @@ class MappedReader:
     ) -> Iterator[ChannelSamples]:
         """The first piece of a numbered message follows the last one of the topic, if it does."""
         own_numbers = _sender(topic, self._mapping) == topic
+        stream = _stream(topic, self._mapping)
         for moment, values in groups.items():
             for length in sorted({len(each.numbers) for each in values}):
                 same = {each.name: each.numbers for each in values if len(each.numbers) == length}
                 follow = follows.pop(moment.number, None) if own_numbers else None
                 samples = np.array(list(same.values())).T.reshape(length, len(same))
                 yield ChannelSamples(
-                    topic, tuple(same), samples, moment.start_ns, moment.rate, follow, moment.unit
+                    stream, tuple(same), samples, moment.start_ns, moment.rate, follow, moment.unit
                 )
 
 
@@ -317,6 +321,14 @@ def _sender(topic: str, mapping: PayloadMapping) -> str:
     levels = topic.split("/")
     if mapping.decode == "sparkplug-b" and len(levels) > 3:
         return "/".join((levels[1], levels[3]))
+    return topic
+
+
+def _stream(topic: str, mapping: PayloadMapping) -> str:
+    """Whose samples a message has: birth certificates and data of one device belong together."""
+    levels = topic.split("/")
+    if mapping.decode == "sparkplug-b" and len(levels) > 3:
+        return "/".join((levels[1], *levels[3:]))
     return topic
 
 
