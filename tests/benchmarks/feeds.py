@@ -1,6 +1,7 @@
 """Live instruments: `python -m tests.benchmarks feeds [--part NAME] [--seconds S]`.
 
-mqtt       500 frames a second, eight topics, through mosquitto: what arrives, what it costs
+mqtt       500 frames a second, eight topics, through mosquitto: what arrives, what it costs;
+           also with the journal of a feed that remembers
 cut        the broker killed for five seconds and back, with a sender that keeps what it cannot send
            (QoS 1) and one that does not (0); then a broker that is restarted and keeps what it has
            for a feed with a name
@@ -62,6 +63,10 @@ def trials(
             yield (
                 "MQTT, 500 frames/s, QoS 1",
                 lambda folder: mqtt_load(folder, per_second=500, seconds=seconds),
+            )
+            yield (
+                "…, with its journal",
+                lambda folder: mqtt_load(folder, per_second=500, seconds=seconds, remembers=True),
             )
             yield (
                 "MQTT, 500 frames/s, QoS 0",
