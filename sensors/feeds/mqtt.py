@@ -237,9 +237,10 @@ class MqttFeed:
         """Return why the link is down in few words, without the numbers of codes."""
         cause = error.__cause__ or error
         if isinstance(cause, TimeoutError) or "timed out" in str(cause):
-            wanted = ([] if self._address.tls else ["mqtts://"]) + (
-                [] if self._is_5 else ["mqtt=5"]
-            )
+            wanted = [] if self._address.tls else ["mqtts://"]
+            if self._address.tls and "cert" not in self._address.options:
+                wanted.append("a client's certificate (cert=, key=)")
+            wanted += [] if self._is_5 else ["mqtt=5"]
             question = f"; does it want {' or '.join(wanted)}?" if wanted else ""
             return f"no answer as a broker gives within {KEEP_ALIVE} s{question}"
         words = getattr(cause, "strerror", None) or _CODE.sub("", str(cause))

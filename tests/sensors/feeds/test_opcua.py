@@ -16,6 +16,7 @@ from asyncua import ua
 from asyncua.crypto.cert_gen import setup_self_signed_certificate
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
+from pipeline.deploy.certificates import make_certificates
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import parsed
@@ -195,11 +196,29 @@ def test_an_encrypted_channel_wants_the_server_and_the_password_that_were_named(
     live = feed(theirs[0])
     given = measured_until(live, lambda: newest(live, 99), lambda: write(server, "S", 1, 100))
     assert sorted(joined(given)) == list(range(100))
-    with pytest.raises(FeedError, match="the server shows another certificate"):
+    with pytest.raises(FeedError, match="the server shows another certificate") as error:
         list(feed(ours[0]).measured(threading.Event()))
+    assert str(error.value).count("opcua://") == 1
     monkeypatch.setenv("PILEWATCH_FEED_PASSWORD", "guessed")
     with pytest.raises(FeedError, match="refuses the user operator or the password"):
         list(feed(theirs[0]).measured(threading.Event()))
+
+
+def test_a_key_of_another_kind_or_certificate_is_one_line(
+    server: OpcUaServer, certificates: dict[str, tuple[Path, Path]], tmp_path: Path
+) -> None:
+    make_certificates(tmp_path, ["feed"], host="localhost")  # elliptic curves
+    elliptic = (tmp_path / "feed.pem", tmp_path / "feed-key.pem")
+    ours, theirs = certificates["ours"], certificates["theirs"]
+    for (certificate, key), sentence in (
+        (elliptic, "is no RSA key, as OPC UA needs it"),
+        ((ours[0], theirs[1]), "is not the key of cert="),
+        ((ours[0], ours[0]), "its certificates cannot be used"),
+    ):
+        security = f"security=encrypt&cert={certificate}&key={key}&server={theirs[0]}"
+        address = f"opcua://127.0.0.1:{server.port}/?{security}"
+        with pytest.raises(FeedError, match=sentence):
+            list(open_feed(address, LAYOUT, once=True).measured(threading.Event()))
 
 
 def endpoint(mode: ua.MessageSecurityMode, policy: str, *users: str) -> Any:
