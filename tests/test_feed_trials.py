@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.benchmarks._feed_kills import killed_feed
 from tests.benchmarks._feed_trials import mqtt_load, udp_drops
 from tests.sensors.feeds.broker import mosquitto
 
@@ -24,3 +25,12 @@ def test_datagrams_that_never_come_are_counted_exactly(tmp_path: Path) -> None:
     assert outcome.received == outcome.sent
     assert outcome.sent + outcome.told_lost == 1000
     assert (outcome.samples_wrong, outcome.exit_code) == (0, 0)
+
+
+@pytest.mark.skipif(mosquitto() is None, reason="mosquitto is not installed")
+def test_a_feed_that_is_killed_while_it_catches_up_loses_nothing_and_publishes_nothing_twice(
+    tmp_path: Path,
+) -> None:
+    outcome = killed_feed(tmp_path, kills=3, seconds=1500.0)
+    assert outcome.while_catching_up > 0
+    assert (outcome.lost, outcome.twice, outcome.wrong) == (0, 0, 0)

@@ -87,6 +87,9 @@ def publish_feed(
     TransportError
         If no endpoint can be reached.
     """
+    kept = None if spool is None else spool.last_of(layout.turbine, layout.unit)
+    if kept is not None:
+        live.take_kept(kept.start_ns, kept.end_ns)
     account = FeedAccount(live, layout, connected=connected)
     watchdog = Watchdog(os.environ)
     with (

@@ -106,6 +106,12 @@ class Spool:
         """Size of all files [bytes]."""
         return sum(self._sizes.values())
 
+    def last_of(self, turbine: str, unit: str) -> AccelerationBlock | None:
+        """The block of a unit that an earlier process kept last; None where there is none."""
+        of_unit = (each for each in reversed(self._waiting) if each.session[:2] == (turbine, unit))
+        last = next(of_unit, None)
+        return None if last is None else self.read(last)
+
     def waiting(self) -> Iterator[SpooledBlock]:
         """Blocks that are not acknowledged, the oldest first."""
         return iter(self._waiting)
@@ -133,6 +139,7 @@ class Spool:
         offset = file.tell()
         file.write(_RECORD.pack(len(payload), zlib.crc32(payload)) + payload)
         self._is_dirty = True
+        file.flush()  # to the system: a kill costs nothing then
         self._sizes[self._number] = file.tell()
         self._add(SpooledBlock(key, block.sequence, block.start_ns, self._number, offset, now))
         while self.size > self._most_bytes and len(self._sizes) > 1:

@@ -28,7 +28,17 @@ _SECURITY = ("ca", "cert", "key", "password-file")
 _OPCUA = ("interval", "security", "policy", "cert", "key", "server", "password-file")
 _SCADA = ("time", "state", "wind_speed", "rotor_speed", "pitch", "yaw", "power", "water_level")
 OPTIONS = {  # by scheme
-    "mqtt": (*_COMMON, *_SECURITY, "qos", "mqtt", "format", "client", "key-file", "mapping"),
+    "mqtt": (
+        *_COMMON,
+        *_SECURITY,
+        "qos",
+        "mqtt",
+        "format",
+        "client",
+        "key-file",
+        "mapping",
+        "rebirth",
+    ),
     "seedlink": (*_COMMON, "ca"),
     "udp": (*_COMMON, "key-file"),
     "opcua": (*_COMMON, *_OPCUA, "nodes", "stamp"),

@@ -68,6 +68,16 @@ class LiveFeed:
             yield from self._published(self._assembler.finish())
         self._position.save()
 
+    def take_kept(self, start_ns: int, end_ns: int) -> None:
+        """Take note of the last block that is kept to be sent again, from before a restart.
+
+        Parameters
+        ----------
+        start_ns, end_ns : int
+            Its samples' times [ns since 1970-01-01 UTC].
+        """
+        self._position.has_published(start_ns, end_ns)
+
     @property
     def absent(self) -> float:
         """Measured time before a restart that the source no longer had [s]."""
@@ -84,8 +94,9 @@ class LiveFeed:
     def _published(self, blocks: Iterator[AccelerationBlock]) -> Iterator[AccelerationBlock]:
         """The position moves when the caller comes back for more: then a block is published."""
         for block in blocks:
-            yield block
             period_ns = NANOSECONDS / block.sampling_rate
+            self._position.publishing(block.start_ns, block.end_ns, period_ns)
+            yield block
             self._position.published(block.start_ns, block.end_ns, period_ns)
 
 
@@ -96,10 +107,11 @@ def batches(feed: Feed, stopping: threading.Event) -> Iterator[list[Arrival]]:
     """
     inbox = ArrivalQueue()
     with asyncio.Runner() as runner:
-        running = runner.get_loop().create_task(feed.run(inbox))
+        loop = runner.get_loop()  # its own `run` prints every batch, to set a signal's handler
+        running = loop.create_task(feed.run(inbox))
         try:
             while not stopping.is_set():
-                batch = runner.run(_next_batch(inbox))
+                batch = loop.run_until_complete(_next_batch(inbox))
                 if batch:
                     yield batch
                 elif running.done():
@@ -109,7 +121,7 @@ def batches(feed: Feed, stopping: threading.Event) -> Iterator[list[Arrival]]:
                     yield []
         finally:
             running.cancel()
-            runner.run(_ended(running))
+            loop.run_until_complete(_ended(running))
         yield _waiting(inbox)
 
 

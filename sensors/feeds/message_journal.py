@@ -69,6 +69,8 @@ class MessageJournal:
         self._older_count = 0  # the last message of the older file
         self._older_ns: int | None = 0  # its newest sample; None: it is not taken yet
         self._newest_ns = 0
+        self._known: set[int] = set()  # hashes of the messages in the present file
+        self._known_before: set[int] = set()  # …, in the older one
 
     def resumed(self) -> tuple[list[TopicPayload], list[TopicPayload]]:
         """Return descriptions, and messages that may be unpublished, of a feed that was killed."""
@@ -79,10 +81,21 @@ class MessageJournal:
                 (descriptions if flag == _DESCRIPTION else messages).append((topic, payload))
                 if self._describes(topic):
                     self._descriptions.put(topic, payload)
+        messages = list(dict.fromkeys(messages))  # both files have them after a kill right here
+        self._known = {hash(each) for each in messages}  # `_begin` makes them the older file's
         self._kept = self._older_count = len(messages)
         self._older_ns = None if messages else 0
         self._begin([_record(_MEASURED, *each) for each in messages])
         return descriptions, messages
+
+    def unpublished(self, piece: ChannelSamples) -> ChannelSamples | None:
+        """Return what of a piece of a message of before is unpublished; None: nothing."""
+        return self._position.unpublished(piece, received_before=True)
+
+    def has(self, topic: str, payload: bytes) -> bool:
+        """Whether a message is here: the broker sends again what it knows no confirmation of."""
+        known = hash((topic, payload))
+        return known in self._known or known in self._known_before
 
     def keep(self, topic: str, payload: bytes) -> None:
         """Write a message before it is confirmed."""
@@ -91,6 +104,7 @@ class MessageJournal:
         if self._describes(topic):
             self._descriptions.put(topic, payload)
         self._kept += 1
+        self._known.add(hash((topic, payload)))
         self._write(_record(_MEASURED, topic, payload))
 
     def taken(self, piece: ChannelSamples | None) -> None:
@@ -134,6 +148,7 @@ class MessageJournal:
             self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         except OSError as error:
             logger.error("%s: received messages cannot be kept: %s", self._path, error)
+        self._known_before, self._known = self._known, set()
         self._begun = self._clock()
         self._write(b"".join(self._described()))
 

@@ -6,18 +6,20 @@ A message's format is recognised (format=auto), or given by the option: `json` (
 `float32` (`frame.py`) or `cpsens` (`cpsens.py`); mapping=NAME or mapping=FILE reads other JSON and
 Sparkplug B (`mapping.py`). With client=NAME the broker keeps what comes while the link
 is cut (quality of service 1 or 2), and gives it afterwards; without, it is lost, and counted where
-messages are numbered. A feed that remembers keeps each message on disk until it is published
-(`message_journal.py`). mqtt=5 speaks MQTT 5 instead of 3.1.1. mqtts:// checks the broker's
-certificate, by the authorities in ca=FILE or the system's; cert=FILE and key=FILE are the client's
-own.
+messages are numbered. Of Sparkplug B data whose birth certificate did not come the node is asked
+for it, unless rebirth=no; nothing else is ever published. A feed that remembers keeps each message
+on disk until it is published (`message_journal.py`). mqtt=5 speaks MQTT 5 instead of 3.1.1.
+mqtts:// checks the broker's certificate, by the authorities in ca=FILE or the system's; cert=FILE
+and key=FILE are the client's own.
 """
 
+import asyncio
 import logging
 import re
 import socket
 import ssl
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import suppress
 from hashlib import sha256
 from importlib import import_module
@@ -26,7 +28,7 @@ from typing import Any, Protocol
 from sensors.bounded_dict import BoundedDict
 from sensors.extras import import_extra
 from sensors.feeds.address import FeedAddress
-from sensors.feeds.message_journal import MessageJournal
+from sensors.feeds.message_journal import MessageJournal, TopicPayload
 from sensors.feeds.payloads.cpsens import CpSensReader, is_cpsens
 from sensors.feeds.payloads.frame import FRAME_MAGIC
 from sensors.feeds.payloads.frame_reader import FrameReader
@@ -34,6 +36,7 @@ from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_o
 from sensors.feeds.payloads.mapped_reader import MappedReader
 from sensors.feeds.payloads.mapping import mapping_named
 from sensors.feeds.payloads.scada import RisingTimes, ScadaReader
+from sensors.feeds.payloads.sparkplug import RebirthRequests
 from sensors.feeds.protocol import Arrival, ArrivalQueue, ChannelSamples, FeedCounts, FeedError
 from sensors.feeds.reconnect import LinkError, kept_connected
 
@@ -41,7 +44,7 @@ logger = logging.getLogger(__name__)
 
 FORMATS = ("auto", "json", "float32", "cpsens")
 KEEP_ALIVE = 10  # a silent broker is given up after one and a half of it [s]
-WAITING_MESSAGES = 20_000  # between the socket and the inbox
+WAITING_MESSAGES = 1000  # between the socket and the inbox; then the socket is not read
 REFUSED_SUBSCRIPTION = 128  # SUBACK: from here on there is no subscription
 _REFUSED = {4, 5, 134, 135}  # CONNACK: bad user name or password, not authorised (MQTT 3.1.1, 5)
 LONGEST_TOPIC = 1000  # [characters]
@@ -63,6 +66,53 @@ class Reader(Protocol):
         ...
 
 
+class SocketReading:
+    """Leaves messages with the broker while too many wait: aiomqtt would drop or gather them.
+
+    connection   an aiomqtt client that is not connected yet
+    """
+
+    def __init__(self, connection: Any) -> None:
+        self._connection, self._paho = connection, connection._client
+        self._queue = connection._queue
+        self._is_held = False
+        handle = self._paho.on_message
+
+        def held_after(*arguments: Any) -> None:
+            handle(*arguments)
+            self._hold_if_many_wait()
+
+        self._paho.on_message = held_after
+
+    def go_on_if_few_wait(self) -> None:
+        """Read the socket again once half of what waited is taken."""
+        socket_ = self._paho.socket()
+        if self._is_held and socket_ is not None and self._queue.qsize() <= WAITING_MESSAGES // 2:
+            self._is_held = False
+            asyncio.get_running_loop().add_reader(socket_.fileno(), self._read)
+            self._read()  # what TLS has decrypted already wakes no reader
+
+    def waiting(self) -> Iterator[Any]:
+        """Take what waits."""
+        while not self._queue.empty():
+            yield self._queue.get_nowait()
+
+    def _hold_if_many_wait(self) -> None:
+        if not self._is_held and self._queue.qsize() >= WAITING_MESSAGES:
+            self._is_held = True
+            asyncio.get_running_loop().remove_reader(self._paho.socket().fileno())
+
+    def _read(self) -> None:
+        """As aiomqtt reads."""
+        try:
+            self._paho.loop_read()
+            while not self._is_held and getattr(self._paho.socket(), "pending", int)() > 0:
+                self._paho.loop_read()
+        except Exception as error:  # noqa: BLE001 - as aiomqtt has it: whatever broke, the link did
+            if not self._connection._disconnected.done():
+                self._connection._disconnected.set_exception(error)
+
+
 class MqttFeed:
     """Messages of one topic filter of one broker.
 
@@ -71,6 +121,7 @@ class MqttFeed:
     once     give up where the broker cannot be reached at the start
     journal  of messages that are not published yet; with one the broker keeps what comes while
              this feed is away, also without client=NAME
+    asking   gives what is to be published in turn: topics and payloads
 
     Raises FeedError where aiomqtt is missing, and for options that are none.
     """
@@ -83,11 +134,12 @@ class MqttFeed:
         *,
         once: bool,
         journal: MessageJournal | None = None,
+        asking: Callable[[], Sequence[TopicPayload]] = tuple,
     ) -> None:
         self.name = address.text
         self.counts = counts
         self._address, self._reader, self._once = address, reader, once
-        self._journal = journal
+        self._journal, self._asking = journal, asking
         self._client_id = address.options.get("client") or (
             None if journal is None else _stable_id(address)
         )
@@ -122,32 +174,73 @@ class MqttFeed:
                 self._reader.learn(topic, payload)
         for topic, payload in messages:
             for arrival in self._arrivals(topic, payload, retained=False):
-                await inbox.put(arrival)
+                left: Arrival | None = arrival
+                if isinstance(arrival, ChannelSamples):
+                    left = self._journal.unpublished(arrival)
+                if left is not None:
+                    await inbox.put(left)
         self.counts.received = received  # by the feed before
 
     async def _session(self, inbox: ArrivalQueue) -> None:
+        connection = self._client()
+        reading = SocketReading(connection)
         try:
-            async with self._client() as client:
-                await self._subscribe(client)
-                if self.counts.connect():
-                    logger.warning("%s: connected again", self.name)
-                async for message in client.messages:
-                    topic, payload = message.topic.value, bytes(message.payload or b"")
-                    for arrival in self._arrivals(topic, payload, retained=message.retain):
-                        await inbox.put(arrival)
+            async with connection as client:
+                taking = asyncio.create_task(self._take(client, reading, inbox))
+                try:  # what the broker has kept comes before its answer to a subscription
+                    await self._while_taking(taking, self._subscribe(client))
+                    if self.counts.connect():
+                        logger.warning("%s: connected again", self.name)
+                    await taking
+                finally:
+                    taking.cancel()
+                    await asyncio.wait({taking})
         except self._aiomqtt.MqttError as error:
             code = getattr(error, "rc", None)
             if getattr(code, "value", code) in _REFUSED:
                 self._refuse_user(error)
             raise LinkError(self.reason(error)) from error
 
+    async def _take(self, client: Any, reading: "SocketReading", inbox: ArrivalQueue) -> None:
+        """Messages until the link is cut; what had come until then is confirmed, and stays."""
+        try:
+            async for message in client.messages:
+                reading.go_on_if_few_wait()
+                for arrival in self._of(message):
+                    await inbox.put(arrival)
+                for topic, payload in self._asking():
+                    await client.publish(topic, payload, qos=0)
+        except self._aiomqtt.MqttError:
+            for message in reading.waiting():
+                for arrival in self._of(message):
+                    await inbox.put(arrival)
+            raise
+
+    def _of(self, message: Any) -> Iterator[Arrival]:
+        topic, payload = message.topic.value, bytes(message.payload or b"")
+        return self._arrivals(topic, payload, retained=message.retain)
+
+    @staticmethod
+    async def _while_taking(taking: "asyncio.Task[None]", doing: Coroutine[Any, Any, None]) -> None:
+        """Do something while messages are taken. Raises what ends either of them."""
+        task = asyncio.create_task(doing)
+        try:
+            await asyncio.wait({taking, task}, return_when=asyncio.FIRST_COMPLETED)
+            if not task.done():
+                taking.result()
+            await task
+        finally:
+            task.cancel()
+            await asyncio.wait({task})
+
     def reason(self, error: Exception) -> str:
         """Return why the link is down in few words, without the numbers of codes."""
         cause = error.__cause__ or error
         if isinstance(cause, TimeoutError) or "timed out" in str(cause):
-            wanted = ([] if self._address.tls else ["mqtts://"]) + (
-                [] if self._is_5 else ["mqtt=5"]
-            )
+            wanted = [] if self._address.tls else ["mqtts://"]
+            if self._address.tls and "cert" not in self._address.options:
+                wanted.append("a client's certificate (cert=, key=)")
+            wanted += [] if self._is_5 else ["mqtt=5"]
             question = f"; does it want {' or '.join(wanted)}?" if wanted else ""
             return f"no answer as a broker gives within {KEEP_ALIVE} s{question}"
         words = getattr(cause, "strerror", None) or _CODE.sub("", str(cause))
@@ -170,7 +263,7 @@ class MqttFeed:
     async def _subscribe(self, client: Any) -> None:
         topic = self._address.path
         try:
-            granted = await client.subscribe(topic, qos=self._qos)
+            granted = await self._granted(client, topic)
         except ValueError as error:
             raise FeedError(
                 f"{self.name}: {topic!r} is no topic; + stands for a level, # for all at the end"
@@ -179,6 +272,16 @@ class MqttFeed:
             if self.counts.connections:
                 raise LinkError(f"the broker refuses the topic {topic!r}")
             raise FeedError(f"{self.name}: the broker refuses this user the topic {topic!r}")
+
+    async def _granted(self, client: Any, topic: str) -> Any:
+        """The answer to a subscription; as long as messages come it may be behind them."""
+        while True:
+            received = self.counts.received
+            try:
+                return await client.subscribe(topic, qos=self._qos)
+            except self._aiomqtt.MqttError:
+                if self.counts.received == received:
+                    raise
 
     def _client(self) -> Any:
         address, versions = self._address, self._aiomqtt.ProtocolVersion
@@ -196,7 +299,6 @@ class MqttFeed:
             **kept,
             tls_context=self._tls,
             keepalive=KEEP_ALIVE,
-            max_queued_incoming_messages=WAITING_MESSAGES,
             timeout=KEEP_ALIVE,
         )
         if self._journal is not None:
@@ -210,7 +312,10 @@ class MqttFeed:
 
         def kept(client: Any, given: Any, message: Any) -> None:
             if is_kept(message.topic, retained=message.retain):
-                journal.keep(message.topic, bytes(message.payload or b""))
+                payload = bytes(message.payload or b"")
+                if message.dup and journal.has(message.topic, payload):
+                    return  # it was taken; a sample without a number would be another one
+                journal.keep(message.topic, payload)
             queue(client, given, message)
 
         paho.on_message = kept
@@ -271,8 +376,12 @@ class SamplesReader:
         self._format = address.one_of("format", FORMATS)
         self._counts = counts
         mapping, rate = address.options.get("mapping"), address.number("rate")
+        may_ask = address.one_of("rebirth", ("yes", "no")) == "yes"
+        self._rebirths = RebirthRequests() if may_ask else None
         self._mapped = (
-            None if mapping is None else MappedReader(mapping_named(mapping), names, counts, rate)
+            None
+            if mapping is None
+            else MappedReader(mapping_named(mapping), names, counts, rate, self._rebirths)
         )
         self._json = JsonReader(names, counts)
         self._frames = FrameReader(names, counts, address.secret("key").encode())
@@ -302,6 +411,10 @@ class SamplesReader:
             piece = self._cpsens.read(payload, topic)
         if piece is not None:
             yield piece
+
+    def asking(self) -> Sequence[TopicPayload]:
+        """What senders are asked: Sparkplug B nodes for their birth certificates."""
+        return () if self._rebirths is None else self._rebirths.taken()
 
     def learn(self, topic: str, payload: bytes) -> None:
         """Take the names of a birth certificate, or the metadata of a CP-SENS channel."""

@@ -63,12 +63,14 @@ def _feed(address: FeedAddress, layout: LayoutFile, *, once: bool, position: Fee
             return UdpFeed(address, names)
         case "mqtt":
             counts = FeedCounts()
+            samples = SamplesReader(address, names, counts)
             return MqttFeed(
                 address,
-                SamplesReader(address, names, counts),
+                samples,
                 counts,
                 once=once,
                 journal=_journal(position),
+                asking=samples.asking,
             )
         case "scada+mqtt":
             counts = FeedCounts()

@@ -59,6 +59,7 @@ class Listener:
         self.status: NodeStatus | None = None  # the last
         self.times_down = 0
         self._inbox = inbox
+        self._known: set[tuple[str, int, int]] = set()
         self._down = True
 
     def take(self, timeout: float = 0.0) -> None:
@@ -66,7 +67,10 @@ class Listener:
         while (message := self._inbox.get(timeout)) is not None:
             timeout = 0.0
             if isinstance(message, AccelerationBlock):
-                self.blocks.append(message)
+                known = (message.session, message.sequence, message.start_ns)
+                if known not in self._known:  # nothing acknowledges: the spool sends one again
+                    self.blocks.append(message)
+                self._known.add(known)
             elif isinstance(message, NodeStatus):
                 self.status = message
                 down = any(doubt.code == "link-down" for doubt in message.warnings)
@@ -89,12 +93,18 @@ class Listener:
 
 
 @contextmanager
-def listening(folder: Path, address: str, layout: str) -> Iterator[Listener]:
-    """`pilewatch feed` as a process of its own, connected to its instrument; ended by SIGTERM."""
+def listening(
+    folder: Path, address: str, layout: str, *, remembers: bool = False
+) -> Iterator[Listener]:
+    """`pilewatch feed` as a process of its own, connected to its instrument; ended by SIGTERM.
+
+    remembers   keeps position and messages on disk (--state), with a spool in the same folder
+    """
     (folder / "layout.toml").write_text(layout)
     endpoint, inbox = free_endpoint(), Inbox()
     command = [sys.executable, "-m", "pipeline", "feed", address, "--connect", endpoint]
-    command += ["--layout", str(folder / "layout.toml")]
+    command += ["--layout", str(folder / "layout.toml"), "--spool", str(folder / "spool")]
+    command += ["--state", str(folder / "state")] if remembers else []
     with closing(ZenohBus(hub(endpoint))) as bus:
         bus.subscribe((AccelerationBlock, NodeStatus), inbox)
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -193,13 +203,15 @@ def outcome_of(
     )
 
 
-def mqtt_load(folder: Path, *, per_second: float, seconds: float, qos: int = 1) -> FeedOutcome:
+def mqtt_load(
+    folder: Path, *, per_second: float, seconds: float, qos: int = 1, remembers: bool = False
+) -> FeedOutcome:
     """So many frames a second through a broker."""
     load = Load(per_second, seconds)
     used = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     with broker(folder) as running, publisher(running.port) as sender:
         address = f"mqtt://127.0.0.1:{running.port}/#?qos={qos}"
-        with listening(folder, address, layout_of(load.names)) as listener:
+        with listening(folder, address, layout_of(load.names), remembers=remembers) as listener:
             for number in load.paced():
                 send_all(load, sender, number, qos)
                 listener.take()

@@ -1,9 +1,12 @@
 """Live instruments: `python -m tests.benchmarks feeds [--part NAME] [--seconds S]`.
 
-mqtt       500 frames a second, eight topics, through mosquitto: what arrives, what it costs
+mqtt       500 frames a second, eight topics, through mosquitto: what arrives, what it costs;
+           also with the journal of a feed that remembers
 cut        the broker killed for five seconds and back, with a sender that keeps what it cannot send
            (QoS 1) and one that does not (0); then a broker that is restarted and keeps what it has
            for a feed with a name
+kill       twenty kills while the feed catches up, every other one while it receives what the broker
+           has kept; with and without numbers in the messages, with and without a spool
 udp        one datagram in a hundred never comes: counted exactly?
 seedlink   a data logger whose link is cut three times: gone on with where it was cut
 
@@ -14,8 +17,10 @@ the one that was sent.
 import argparse
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
+from tests.benchmarks._feed_kills import KillOutcome, killed_feed
 from tests.benchmarks._feed_trials import (
     CHANNELS,
     FeedOutcome,
@@ -26,7 +31,7 @@ from tests.benchmarks._feed_trials import (
 )
 from tests.sensors.feeds.broker import mosquitto
 
-PARTS = ("mqtt", "cut", "udp", "seedlink")
+PARTS = ("mqtt", "cut", "kill", "udp", "seedlink")
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -46,9 +51,11 @@ def main(arguments: Sequence[str]) -> None:
     print(f"samples: of each of {CHANNELS} channels (SeedLink: 2); heard: with every channel")
 
 
-def trials(part: str, seconds: float) -> Iterator[tuple[str, Callable[[Path], FeedOutcome]]]:
+def trials(
+    part: str, seconds: float
+) -> Iterator[tuple[str, Callable[[Path], FeedOutcome | KillOutcome]]]:
     """Names and trials of one part."""
-    if part in ("mqtt", "cut") and mosquitto() is None:
+    if part in ("mqtt", "cut", "kill") and mosquitto() is None:
         print(f"{part}: mosquitto is not installed")
         return
     match part:
@@ -56,6 +63,10 @@ def trials(part: str, seconds: float) -> Iterator[tuple[str, Callable[[Path], Fe
             yield (
                 "MQTT, 500 frames/s, QoS 1",
                 lambda folder: mqtt_load(folder, per_second=500, seconds=seconds),
+            )
+            yield (
+                "…, with its journal",
+                lambda folder: mqtt_load(folder, per_second=500, seconds=seconds, remembers=True),
             )
             yield (
                 "MQTT, 500 frames/s, QoS 0",
@@ -76,6 +87,22 @@ def trials(part: str, seconds: float) -> Iterator[tuple[str, Callable[[Path], Fe
                     folder, per_second=500, seconds=30, away=5, qos=1, client="tower-1"
                 ),
             )
+        case "kill":
+            for name, spooled, numbered in (
+                ("killed", True, True),
+                ("killed, without numbers", True, False),
+                ("killed, without a spool", False, True),
+            ):
+                yield (
+                    name,
+                    partial(
+                        killed_feed,
+                        kills=20,
+                        seconds=60 * seconds,
+                        spooled=spooled,
+                        numbered=numbered,
+                    ),
+                )
         case "udp":
             yield (
                 "UDP, 1 % dropped",
@@ -88,8 +115,14 @@ def trials(part: str, seconds: float) -> Iterator[tuple[str, Callable[[Path], Fe
             )
 
 
-def row(name: str, outcome: FeedOutcome) -> str:
+def row(name: str, outcome: FeedOutcome | KillOutcome) -> str:
     """One line of the table."""
+    if isinstance(outcome, KillOutcome):
+        return (
+            f"{name:28}{outcome.kills} kills, {outcome.while_catching_up} of them while catching "
+            f"up: {outcome.sent} samples, {outcome.lost} lost, {outcome.twice} twice, "
+            f"{outcome.wrong} wrong"
+        )
     return (
         f"{name:28}{outcome.sent:8}{outcome.received:9}{outcome.told_lost:6}{outcome.late:6}"
         f"{outcome.duplicate:6}{outcome.samples_sent:9}{outcome.samples_heard:8}"

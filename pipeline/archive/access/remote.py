@@ -59,11 +59,19 @@ def remote_files(pattern: str) -> list[Path]:
 
 
 def remote_stamp(url: str) -> tuple[int, int] | None:
-    """Size [bytes] and a number that changes with the content; None where the file is gone."""
+    """Size [bytes] and a number that changes with the content; None where the file is gone.
+
+    Raises
+    ------
+    RecordingError
+        If the server does not answer.
+    """
     try:
         info = _system(url).info(url)
     except OSError:
         return None
+    except Exception as error:  # each library of fsspec raises its own
+        raise RecordingError(f"{url} cannot be fetched: {_sentence(error)}") from error
     tag = next((str(info[name]) for name in TAGS if info.get(name) is not None), "")
     digest = hashlib.blake2b(tag.encode(), digest_size=6).digest()
     return int(info.get("size") or 0), int.from_bytes(digest, "big")

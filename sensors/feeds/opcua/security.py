@@ -60,6 +60,7 @@ async def secure(client: Any, address: FeedAddress) -> None:
         client.application_uri = _application_uri(options["cert"]) or client.application_uri
         if not endpoint.ServerCertificate.startswith(_der(options["server"])):
             raise FeedError(f"{address.text}: the server shows another certificate")
+        _check_key(address)
         await client.set_security(
             getattr(import_module("asyncua.crypto.security_policies"), f"SecurityPolicy{policy}"),
             options["cert"],
@@ -67,6 +68,8 @@ async def secure(client: Any, address: FeedAddress) -> None:
             server_certificate=options["server"],
             mode=mode,
         )
+    except FeedError:
+        raise
     except (OSError, ValueError, TypeError, ua.UaError) as error:
         reason = " ".join(str(error).split())
         raise FeedError(f"{address.text}: its certificates cannot be used: {reason}") from error
@@ -99,6 +102,32 @@ def _check_user(address: FeedAddress, endpoint: Any) -> None:
         f"{address.text}: the server wants a user: opcua://USER@HOST, and the password in "
         "PILEWATCH_FEED_PASSWORD or ?password-file=FILE"
     )
+
+
+def _check_key(address: FeedAddress) -> None:
+    """Check that the client's key is of the kind that OPC UA's policies want, and its own.
+
+    Raises
+    ------
+    FeedError
+        If it is not. ValueError or TypeError if it cannot be read.
+    """
+    serialization = import_module("cryptography.hazmat.primitives.serialization")
+    rsa = import_module("cryptography.hazmat.primitives.asymmetric.rsa")
+    written = address.options["key"]
+    content = Path(written).read_bytes()
+    is_text = content.startswith(b"-----")
+    load = serialization.load_pem_private_key if is_text else serialization.load_der_private_key
+    key = load(content, None)
+    if not isinstance(key, rsa.RSAPrivateKey):
+        raise FeedError(f"{address.text}: key={written} is no RSA key, as OPC UA needs it")
+    shown = import_module("cryptography.x509").load_der_x509_certificate(
+        _der(address.options["cert"])
+    )
+    if shown.public_key() != key.public_key():
+        raise FeedError(
+            f"{address.text}: key={written} is not the key of cert={address.options['cert']}"
+        )
 
 
 def _application_uri(path: str) -> str | None:

@@ -21,6 +21,7 @@ logger = logging.getLogger(__name__)
 OVERFLOW = (
     0x480  # bits of a status code: a data value, before which the server's queue dropped some
 )
+WAITING = 0x80320000  # BadWaitingForInitialData (OPC 10000-6, annex A.2)
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -51,7 +52,7 @@ class ValueReader:
         self._counts.received += 1
         if self._is_overflow(value):
             self._counts.lost += 1
-        if value.SourceTimestamp is None and value.StatusCode.is_bad():
+        if value.StatusCode.value == WAITING or (stamp_ns(value) is None and _is_bad(value)):
             return  # nothing was ever measured
         time_ns = self._time_ns(name, value)
         if time_ns is None or self._is_old(name, time_ns):
@@ -74,13 +75,12 @@ class ValueReader:
     def _time_ns(self, name: str, value: Any) -> int | None:
         """The source's time stamp, else the server's [ns since 1970-01-01 UTC]; None, and counted,
         where there is neither."""
-        if value.SourceTimestamp is None and name not in self._unstamped:
+        time_ns = stamp_ns(value)
+        if time_ns is None:
+            self._counts.refuse(f"{name}: {_stamps_in_words(value)}")
+        elif _time_of(value.SourceTimestamp) is None and name not in self._unstamped:
             self._unstamped.add(name)
             logger.warning("%s has no source time stamps; the server's are used", name)
-        time_ns = stamp_ns(value)
-        if time_ns is None or not 0 <= time_ns < LATEST_NS:
-            self._counts.refuse(f"{name}: a value of the time {value.SourceTimestamp}")
-            return None
         return time_ns
 
     def pass_over_known(self) -> None:
@@ -101,9 +101,27 @@ class ValueReader:
 
 
 def stamp_ns(value: Any) -> int | None:
-    """Return a data value's source time stamp, else the server's [ns since 1970-01-01 UTC]."""
-    stamp = value.SourceTimestamp or value.ServerTimestamp
-    return None if stamp is None else nanoseconds_of(stamp)
+    """Return a data value's source time stamp, else the server's [ns since 1970-01-01 UTC]; None
+    where neither is a time since 1970."""
+    source_ns = _time_of(value.SourceTimestamp)
+    return _time_of(value.ServerTimestamp) if source_ns is None else source_ns
+
+
+def _time_of(stamp: datetime | None) -> int | None:
+    """None also for the year 1601, which means that there is no time (OPC 10000-6 5.2.2.5)."""
+    time_ns = -1 if stamp is None else nanoseconds_of(stamp)
+    return time_ns if 0 <= time_ns < LATEST_NS else None
+
+
+def _is_bad(value: Any) -> bool:
+    return bool(value.StatusCode.is_bad())
+
+
+def _stamps_in_words(value: Any) -> str:
+    """Why the value of a data value has no time."""
+    stamps = (("source", value.SourceTimestamp), ("server", value.ServerTimestamp))
+    given = [f"the {kind}'s is {stamp:%Y-%m-%d %H:%M}" for kind, stamp in stamps if stamp]
+    return f"a value without a time stamp since 1970{': ' if given else ''}{', '.join(given)}"
 
 
 def nanoseconds_of(moment: datetime) -> int:
@@ -160,8 +178,11 @@ class ScadaValueReader:
     def read(self, name: str, value: Any) -> Iterator[ScadaSample]:
         """Yield the report that a data value is; a bad one is none."""
         self._counts.received += 1
+        if _is_bad(value):
+            return
         time_ns = stamp_ns(value)
-        if time_ns is None or value.StatusCode.is_bad():
+        if time_ns is None:
+            self._counts.refuse(f"{name}: {_stamps_in_words(value)}")
             return
         times = self._times.renewed(name)
         if times is None:

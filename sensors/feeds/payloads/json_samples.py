@@ -95,7 +95,11 @@ class JsonReader:
             columns = {named_by(topic, self._listed): values}
         else:
             columns = {key: value for key, value in said.items() if key not in _WORDS}
-            columns = {key: value for key, value in columns.items() if not isinstance(value, str)}
+            columns = {  # numbers written as text are those of listed channels alone
+                key: value
+                for key, value in columns.items()
+                if key in self._listed or not isinstance(value, str)
+            }
         if not columns:
             raise MessageError("no values in it")
         read = [_column(name, value) for name, value in columns.items()]

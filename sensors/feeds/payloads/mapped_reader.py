@@ -15,13 +15,16 @@ from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.json_samples import MessageError, json_of
 from sensors.feeds.payloads.mapping import TIME_UNITS, Paths, PayloadMapping, looked_up
 from sensors.feeds.payloads.sequence_numbers import SenderNumbers
-from sensors.feeds.payloads.sparkplug import SparkplugDecoder
+from sensors.feeds.payloads.sparkplug import RebirthRequests, SparkplugDecoder
 from sensors.feeds.payloads.timestamps import LATEST_NS, moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
 MOST_SAMPLE_ROWS = 100_000  # of one message
 DEEPEST_PAYLOAD = 6  # levels of values in values
 _CONSTANTS: dict[str, Any] = {"$zero": 0, "$empty": ""}
+_NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "none"})  # as loggers write it
+_WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
+_DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _LEVEL = re.compile(r"\$topic\[(-?\d+)\]")
 
 
@@ -92,6 +95,8 @@ class MappedReader:
         Takes what is lost, late or duplicate.
     sampling_rate : float or None
         Of lists, if no message has it [Hz].
+    rebirths : RebirthRequests, optional
+        Takes Sparkplug B nodes whose birth certificates did not come; None: none is asked.
     """
 
     def __init__(
@@ -100,14 +105,15 @@ class MappedReader:
         listed: Collection[str],
         counts: FeedCounts,
         sampling_rate: float | None = None,
+        rebirths: RebirthRequests | None = None,
     ) -> None:
         self._mapping = mapping
         self._listed = frozenset(listed)
         self._rate = sampling_rate or mapping.sampling_rate
         self._only = re.compile(mapping.only)
         self._rename = dict(each.split("=", 1) for each in mapping.rename if "=" in each)
-        self._numbers = SenderNumbers(counts)
-        self._sparkplug = SparkplugDecoder()
+        self._counts, self._numbers = counts, SenderNumbers(counts)
+        self._sparkplug = SparkplugDecoder(rebirths)
         self._unwrapped: BoundedDict[str, int] = BoundedDict()
 
     def read(self, payload: bytes, topic: str) -> Iterator[ChannelSamples]:
@@ -186,7 +192,7 @@ class MappedReader:
         found = place.first(mapping.values)
         units = place.first(mapping.unit)
         base = place.first(mapping.name_base) or ""
-        value_base = place.first(mapping.value_base) or 0
+        value_base = number_in(place.first(mapping.value_base)) or 0
         if not _is_number(value_base):
             raise MessageError(f"{value_base!r:.20} is no number to add to values")
         if isinstance(found, dict):
@@ -206,13 +212,31 @@ class MappedReader:
             own = str(content.get("unit", "")) if isinstance(content, dict) else ""
             given = units[at] if isinstance(units, list) and at < len(units) else units
             unit = own or (given if isinstance(given, str) else "")
-            samples = _numbers(self._unwrap(content))
-            if samples is not None and value_base:
-                samples = tuple(each + value_base for each in samples)
-            if samples is None or (mapping.only and not self._only.fullmatch(name)):
+            if mapping.only and not self._only.fullmatch(name):
                 continue
             full = f"{base}{name}"
-            yield Value(self._rename.get(full, full), samples, unit)
+            channel = self._rename.get(full, full)
+            samples = self._samples(channel, self._unwrap(content), place.topic)
+            if samples is None:
+                continue
+            if value_base:
+                samples = tuple(each + value_base for each in samples)
+            yield Value(channel, samples, unit)
+
+    def _samples(self, channel: str, content: Any, topic: str) -> tuple[float, ...] | None:
+        """The numbers of a value; text counts as one for channels of the layout alone, since others
+        may be serial numbers and versions."""
+        samples = _numbers(content)
+        if samples is not None or channel not in self._listed:
+            return samples
+        items = content if isinstance(content, list) else [content]
+        numbers = [number_in(each) for each in items]
+        if not isinstance(content, list) and (content is None or numbers[0] is math.nan):
+            return None  # no sample was taken
+        samples = _numbers(numbers)
+        if samples is None:
+            self._counts.refuse(f"{topic}: {channel} is {content!r:.40}, which is no number")
+        return samples
 
     def _flattened(
         self, values: dict[str, Any], prefix: str, depth: int
@@ -245,7 +269,7 @@ class MappedReader:
         """Time of a row's first sample [ns], and the rate of several [Hz]."""
         mapping = self._mapping
         time_ns = _time_ns(place, mapping)
-        rate = place.first(mapping.rate)
+        rate = number_in(place.first(mapping.rate))
         rate = self._rate if rate is None else rate
         if rate is not None and not (_is_number(rate) and LOWEST_RATE <= rate <= HIGHEST_RATE):
             raise MessageError(f"rate is {rate!r:.20}; {LOWEST_RATE:g} to {HIGHEST_RATE:g} Hz")
@@ -257,7 +281,7 @@ class MappedReader:
 
     def _number_of(self, place: PayloadPlace) -> str:
         """What distinguishes the numbered messages or rows; "": there are no numbers."""
-        number = place.first(self._mapping.sequence)
+        number = number_in(place.first(self._mapping.sequence))
         if number is None:
             return ""
         if not _is_number(number) or number != int(number) or not 0 <= number < 2**63:
@@ -281,13 +305,14 @@ class MappedReader:
     ) -> Iterator[ChannelSamples]:
         """The first piece of a numbered message follows the last one of the topic, if it does."""
         own_numbers = _sender(topic, self._mapping) == topic
+        stream = _stream(topic, self._mapping)
         for moment, values in groups.items():
             for length in sorted({len(each.numbers) for each in values}):
                 same = {each.name: each.numbers for each in values if len(each.numbers) == length}
                 follow = follows.pop(moment.number, None) if own_numbers else None
                 samples = np.array(list(same.values())).T.reshape(length, len(same))
                 yield ChannelSamples(
-                    topic, tuple(same), samples, moment.start_ns, moment.rate, follow, moment.unit
+                    stream, tuple(same), samples, moment.start_ns, moment.rate, follow, moment.unit
                 )
 
 
@@ -299,14 +324,24 @@ def _sender(topic: str, mapping: PayloadMapping) -> str:
     return topic
 
 
+def _stream(topic: str, mapping: PayloadMapping) -> str:
+    """Whose samples a message has: birth certificates and data of one device belong together."""
+    levels = topic.split("/")
+    if mapping.decode == "sparkplug-b" and len(levels) > 3:
+        return "/".join((levels[1], *levels[3:]))
+    return topic
+
+
 def _time_ns(place: PayloadPlace, mapping: PayloadMapping) -> int:
     written, base = place.first(mapping.time), place.first(mapping.time_base)
     if written is None and base is None:
         raise MessageError(f"no time at {' or '.join(mapping.time)}")
     try:
         if base is not None:
-            written = _sum(base, written)
+            written = _sum(number_in(base), number_in(written))
         factor = TIME_UNITS[mapping.time_unit]
+        if factor:
+            written = number_in(written)
         unit_ns = factor or NANOSECONDS
         if _is_number(written) and written * unit_ns < mapping.earliest * NANOSECONDS:
             raise ValueError(f"{written!r:.20} counts from the message's arrival, which is no time")
@@ -324,6 +359,18 @@ def _sum(base: Any, offset: Any) -> Any:
     if not _is_number(base) or not (offset is None or _is_number(offset)):
         raise ValueError(f"{base!r:.20} + {offset!r:.20} is no time")
     return base + (offset or 0)
+
+
+def number_in(content: Any) -> Any:
+    """The number that a text is, NaN where it says that there is none; anything else as it is."""
+    if not isinstance(content, str):
+        return content
+    text = content.strip()
+    if text.lower() in _NO_NUMBER:
+        return math.nan
+    if _WHOLE.fullmatch(text):
+        return int(text)
+    return float(text) if _DECIMAL.fullmatch(text) else content
 
 
 def _is_number(content: Any) -> bool:

@@ -4,14 +4,18 @@
     Metric    1 name   2 alias   3 timestamp [ms]   4 datatype   7 is_null
               10 int   11 long   12 float   13 double   14 boolean   16 bytes (arrays)
 
-A birth certificate (NBIRTH, DBIRTH) names each metric; later messages may have its alias alone.
+A birth certificate (NBIRTH, DBIRTH) names each metric and its datatype; later messages may have its
+alias alone, without either. Brokers keep no certificate: of data whose certificate came before this
+feed, the node is asked for another (NCMD, Node Control/Rebirth).
 
-Source: Eclipse Sparkplug Specification 3.0.0, chapter 6 and its protobuf schema; protocol buffers'
-wire format (varint, 64-bit, length-delimited, 32-bit).
+Source: Eclipse Sparkplug Specification 3.0.0, chapters 5 and 6 and its protobuf schema; protocol
+buffers' wire format (varint, 64-bit, length-delimited, 32-bit).
 """
 
+import logging
 import struct
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -19,7 +23,12 @@ import numpy as np
 from sensors.bounded_dict import BoundedDict
 from sensors.feeds.payloads.json_samples import LARGEST_JSON, MessageError
 
+logger = logging.getLogger(__name__)
+
 NAMESPACE = "spBv1.0"
+REBIRTH_EVERY = 60.0  # of a node; twice as long whenever no certificate has come [s]
+REBIRTH_AT_LEAST_EVERY = 3600.0  # [s]
+MOST_REQUESTS = 100  # that wait to be sent
 MOST_ALIASES = 10_000  # of one node
 _SIGNED_BITS = {1: 8, 2: 16, 3: 32, 4: 64}  # by datatype
 _ARRAYS = {  # by datatype: of its elements, little endian
@@ -28,11 +37,87 @@ _ARRAYS = {  # by datatype: of its elements, little endian
 }
 
 
-class SparkplugDecoder:
-    """Remembers the names that nodes give their aliases."""
+class NoBirthError(MessageError):
+    """Data whose birth certificate did not come."""
+
+
+class RebirthRequests:
+    """Which nodes are to be asked for their birth certificates.
+
+    clock   monotonic time [s]
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._asked: BoundedDict[str, tuple[float, float]] = BoundedDict()  # when, pause behind it
+        self._waiting: list[tuple[str, bytes]] = []
+
+    def want(self, topic: str) -> None:
+        """Ask the node of a message, unless it was asked a while ago."""
+        node = _node(topic)
+        asked, pause = self._asked.renewed(node) or (-REBIRTH_AT_LEAST_EVERY, 0.0)
+        now = self._clock()
+        if (pause and now - asked < pause) or len(self._waiting) >= MOST_REQUESTS:
+            return
+        longer = min(2 * pause or REBIRTH_EVERY, REBIRTH_AT_LEAST_EVERY)
+        self._asked.put(node, (now, longer))
+        group, _, name = node.partition("/")
+        logger.warning("%s: the node is asked for its birth certificate", node)
+        self._waiting.append((f"{NAMESPACE}/{group}/NCMD/{name}", rebirth(time.time_ns() // 10**6)))
+
+    def born(self, topic: str) -> None:
+        """Take note of a certificate: when the next one is missing the node is asked at once."""
+        self._asked.pop(_node(topic), None)
+
+    def taken(self) -> list[tuple[str, bytes]]:
+        """Topics and payloads to publish."""
+        waiting, self._waiting = self._waiting, []
+        return waiting
+
+
+def rebirth(time_ms: int) -> bytes:
+    """A payload that asks a node for its birth certificates.
+
+    time_ms   since 1970-01-01 UTC [ms]
+    """
+    name = b"Node Control/Rebirth"
+    stamp = _written(time_ms)
+    metric = b"\x0a" + _written(len(name)) + name + b"\x18" + stamp + b"\x20\x0b\x70\x01"
+    return b"\x08" + stamp + b"\x12" + _written(len(metric)) + metric
+
+
+def _node(topic: str) -> str:
+    """Group and edge node of a topic, "group/node"."""
+    levels = topic.split("/")
+    return f"{levels[1]}/{levels[3]}"
+
+
+def _written(number: int) -> bytes:
+    """A number as protocol buffers have it."""
+    encoded = bytearray()
+    while number > 127:
+        encoded.append(number & 127 | 128)
+        number >>= 7
+    return bytes([*encoded, number])
+
+
+class _Metrics:
+    """What a birth certificate says of the metrics of a node or device."""
 
     def __init__(self) -> None:
-        self._aliases: BoundedDict[str, BoundedDict[str, str]] = BoundedDict()  # by node and device
+        self.names: BoundedDict[str, str] = BoundedDict(MOST_ALIASES)  # by alias
+        self.datatypes: BoundedDict[str, int] = BoundedDict(MOST_ALIASES)  # by name
+
+
+class SparkplugDecoder:
+    """Remembers the names that nodes give their aliases.
+
+    rebirths   takes the nodes whose birth certificates are missing; None: none is asked
+    """
+
+    def __init__(self, rebirths: RebirthRequests | None = None) -> None:
+        self._sources: BoundedDict[str, _Metrics] = BoundedDict()  # by node and device
+        self._rebirths = rebirths
 
     def decoded(self, topic: str, payload: bytes) -> dict[str, Any]:
         """A payload as {"timestamp", "seq", "metrics": [{"name", "timestamp", "value"}]}.
@@ -40,7 +125,7 @@ class SparkplugDecoder:
         Raises
         ------
         MessageError
-            If it is no Sparkplug B payload.
+            If it is no Sparkplug B payload, or its birth certificate did not come.
         """
         if len(payload) > LARGEST_JSON:
             raise MessageError(f"{len(payload)} bytes; at most {LARGEST_JSON}")
@@ -49,35 +134,53 @@ class SparkplugDecoder:
         if kind not in ("NBIRTH", "DBIRTH", "NDATA", "DDATA", "DDEATH"):
             return {"metrics": []}  # a node's death, commands, states: no samples and no number
         source = "/".join((levels[1], *levels[3:]))
-        aliases = self._aliases.renewed(source)
-        if aliases is None or kind.endswith("BIRTH"):
-            aliases = BoundedDict[str, str](MOST_ALIASES)
-            self._aliases.put(source, aliases)
-        content: dict[str, Any] = {"metrics": []}
-        for field, value in _fields(payload):
-            if field in (1, 3) and isinstance(value, int):
-                content["timestamp" if field == 1 else "seq"] = value
-            elif field == 2 and isinstance(value, bytes):
-                metric = _metric(value, aliases)
-                if metric is not None:
-                    content["metrics"].append(metric)
-        return content
+        known = self._sources.renewed(source)
+        if known is None or kind.endswith("BIRTH"):
+            known = _Metrics()
+            self._sources.put(source, known)
+        if self._rebirths is not None and kind.endswith("BIRTH"):
+            self._rebirths.born(topic)
+        try:
+            return _content(payload, known)
+        except NoBirthError as error:
+            if self._rebirths is None:
+                raise NoBirthError(
+                    f"{error}; ask the node for another (NCMD, Node Control/Rebirth)"
+                ) from error
+            self._rebirths.want(topic)
+            raise NoBirthError(f"{error}; the node is asked for another") from error
 
 
-def _metric(encoded: bytes, aliases: BoundedDict[str, str]) -> dict[str, Any] | None:
-    """None for one without a name or a number."""
+def _content(payload: bytes, known: _Metrics) -> dict[str, Any]:
+    content: dict[str, Any] = {"metrics": []}
+    for field, value in _fields(payload):
+        if field in (1, 3) and isinstance(value, int):
+            content["timestamp" if field == 1 else "seq"] = value
+        elif field == 2 and isinstance(value, bytes):
+            metric = _metric(value, known)
+            if metric is not None:
+                content["metrics"].append(metric)
+    return content
+
+
+def _metric(encoded: bytes, known: _Metrics) -> dict[str, Any] | None:
+    """None for one without a name or a number. Raises NoBirthError."""
     fields = dict(_fields(encoded))
-    written, alias = fields.get(1), fields.get(2)
+    written, alias, datatype = fields.get(1), fields.get(2), fields.get(4)
     name = written.decode("utf-8", "replace") if isinstance(written, bytes) else ""
     if name and isinstance(alias, int):
-        aliases.put(str(alias), name)
-    name = name or aliases.renewed(str(alias)) or ""
+        known.names.put(str(alias), name)
+    name = name or known.names.renewed(str(alias)) or ""
+    if isinstance(datatype, int) and name:
+        known.datatypes.put(name, datatype)
+    elif name:
+        datatype = fields[4] = known.datatypes.renewed(name) or 0
     number = None if fields.get(7) else _number(fields)
+    birth = "the birth certificate came before this feed"
     if not name and number is not None and isinstance(alias, int):
-        raise MessageError(
-            f"alias {alias} has no name: the birth certificate came before this feed; ask the node "
-            "for another (NCMD, Node Control/Rebirth)"
-        )
+        raise NoBirthError(f"alias {alias} has no name: {birth}")
+    if not datatype and not fields.get(7) and not fields.keys().isdisjoint((10, 11, 16)):
+        raise NoBirthError(f"{name} is a whole number or an array of unknown type: {birth}")
     if not name or number is None:
         return None
     metric: dict[str, Any] = {"name": name, "value": number}

@@ -56,6 +56,20 @@ def test_what_cannot_be_had_is_one_line(bucket: str) -> None:
         on_disk(gone).__enter__()
 
 
+def test_a_server_that_is_gone_before_a_file_is_looked_at_is_one_line(
+    bucket: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """botocore's errors of a connection are no OSError."""
+
+    def gone(system: object, path: str) -> None:
+        raise LookupError("Could not connect to the endpoint URL")
+
+    (one, *_) = remote_files(bucket)
+    monkeypatch.setattr(fsspec.filesystem("memory").__class__, "info", gone)
+    with pytest.raises(RecordingError, match="cannot be fetched: Could not connect"):
+        remote_stamp(url_of(one))
+
+
 @pytest.mark.parametrize(
     ("text", "remote"), [("s3://b/a.mcap", True), ("C://x", False), ("a/b.mcap", False)]
 )

@@ -44,6 +44,22 @@ def test_what_is_acknowledged_goes_and_the_rest_is_there_after_a_restart(tmp_pat
     assert not list(tmp_path.glob("*.blocks"))
 
 
+def test_a_killed_process_leaves_every_block_that_it_kept(tmp_path: Path) -> None:
+    spool = filled(tmp_path / "spool", 3)  # neither synced nor closed
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    (file,) = (tmp_path / "spool").glob("*.blocks")
+    (copy / file.name).write_bytes(file.read_bytes())
+    again = Spool(copy)
+    assert waiting(again) == [0, 1, 2]
+    last = again.last_of("t1", "tower")
+    assert last is not None
+    assert last.sequence == 2
+    assert again.last_of("t1", "other") is None
+    again.close()
+    spool.close()
+
+
 def test_an_acknowledgement_that_grows_frees_what_is_new_in_it(tmp_path: Path) -> None:
     spool = filled(tmp_path, 10)
     freed = [spool.acknowledge(recorded((0, end))) for end in (3, 3, 10)]

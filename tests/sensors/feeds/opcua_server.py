@@ -57,11 +57,19 @@ class OpcUaServer:
         """An object with variables, whose last values are of the time BEGIN."""
         self._done(self._tower_added(name, channels, keeps_history, initial))
 
-    def write(self, node: str, values: Sequence[Any], first: int, rate: float) -> None:
-        """Values of a variable, numbered since BEGIN."""
+    def write(
+        self,
+        node: str,
+        values: Sequence[Any],
+        first: int,
+        rate: float,
+        *,
+        stamps: str = "SourceTimestamp",
+    ) -> None:
+        """Values of a variable, numbered since BEGIN, with one of both time stamps."""
         times = [BEGIN + timedelta(seconds=(first + i) / rate) for i in range(len(values))]
         stamped = [
-            ua.DataValue(ua.Variant(value), SourceTimestamp=time)
+            ua.DataValue(ua.Variant(value), **{stamps: time})
             for value, time in zip(values, times, strict=True)
         ]
         self._done(self._written(node, stamped))

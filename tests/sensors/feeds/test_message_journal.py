@@ -125,3 +125,28 @@ def test_a_disk_that_takes_half_a_record_costs_no_record_behind_it(
     kept.close()
     _, messages = journal(tmp_path)[0].resumed()
     assert [payload for _, payload in messages] == [b"0", b"2"]
+
+
+def test_what_a_broker_sends_again_after_a_kill_is_known(tmp_path: Path) -> None:
+    kept, _ = journal(tmp_path)
+    kept.resumed()
+    kept.keep("t", b"1")
+    assert kept.has("t", b"1")
+    again, _ = journal(tmp_path)
+    again.resumed()
+    assert again.has("t", b"1")
+    assert not again.has("t", b"2")
+    assert not again.has("u", b"1")
+
+
+def test_a_kill_while_the_files_are_begun_brings_no_message_twice(tmp_path: Path) -> None:
+    kept, _ = journal(tmp_path)
+    kept.resumed()
+    for number in range(3):
+        kept.keep("t", b"%d" % number)
+    left = (tmp_path / "feed.messages").read_bytes()
+    journal(tmp_path)[0].resumed()
+    (tmp_path / "feed.messages").write_bytes(left)  # the older file has them already
+
+    _, messages = journal(tmp_path)[0].resumed()
+    assert [payload for _, payload in messages] == [b"0", b"1", b"2"]

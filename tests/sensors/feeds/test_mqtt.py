@@ -8,10 +8,12 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from aiomqtt import MqttError
+from paho.mqtt import client as paho
 from typer.testing import CliRunner
 
 from pipeline.cli import app
@@ -27,7 +29,7 @@ from sensors.feeds.position import position_file
 from sensors.feeds.protocol import FeedCounts, FeedError
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.broker import Broker, broker, free_port, mosquitto, publisher
-from tests.sensors.feeds.payloads.shapes import thingsboard
+from tests.sensors.feeds.payloads.shapes import sparkplug, thingsboard
 from tests.sensors.feeds.scripted import measured_until
 
 X, Y = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
@@ -336,6 +338,47 @@ def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
         open_feed("mqtt://h/t", LAYOUT)
 
 
+@pytest.mark.parametrize("may_ask", [True, False])
+def test_a_sparkplug_node_is_asked_for_its_birth_certificate_unless_that_is_forbidden(
+    running: Broker, may_ask: bool
+) -> None:
+    birth, *data = sparkplug()
+    asked: list[tuple[str, bytes, bool]] = []
+    option = "" if may_ask else "&rebirth=no"
+    address = (
+        f"mqtt://127.0.0.1:{running.port}/spBv1.0/farm/+/edge/#?mapping=sparkplug-b&rate=40{option}"
+    )
+    live = open_feed(address, LAYOUT)
+    node: Any = paho.Client(paho.CallbackAPIVersion.VERSION2)
+
+    def answer(client: Any, _: Any, message: Any) -> None:
+        asked.append((message.topic, message.payload, message.retain))
+        client.publish(*birth, qos=1)
+        for topic, payload in data[20:]:
+            client.publish(topic, payload, qos=1)
+
+    node.on_message = answer
+    node.on_connect = lambda client, *_: client.subscribe("spBv1.0/farm/NCMD/edge", 1)
+    node.connect("127.0.0.1", running.port)
+    node.loop_start()
+
+    def publish() -> None:
+        for topic, payload in data[:20]:
+            node.publish(topic, payload, qos=1)
+
+    given = measured_until(live, lambda: live.counts.received >= (40 if may_ask else 20), publish)
+    node.loop_stop()
+    assert live.counts.malformed == 20
+    if not may_ask:
+        assert "ask the node for another" in live.counts.refusal
+        assert not asked
+        return
+    ((topic, payload, retained),) = asked
+    assert (topic, retained) == ("spBv1.0/farm/NCMD/edge", False)
+    assert b"Node Control/Rebirth" in payload
+    assert sum(len(block.samples) for block in blocks_of(given)) >= 19
+
+
 def test_sniffing_prints_what_comes_and_the_preset_that_reads_it(running: Broker) -> None:
     listening = threading.Event()
 
@@ -418,6 +461,25 @@ def test_a_killed_feed_publishes_what_it_had_confirmed_and_not_published(
     numbers = [int(x) for block in (*blocks, *blocks_of(given)) for x in block.samples[:, 0]]
     assert numbers == list(range(160))
     assert again.absent == 0
+
+
+def test_what_a_broker_has_kept_comes_whole_however_much_it_is(
+    running: Broker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes before the broker's answer to the subscription."""
+    monkeypatch.setattr("sensors.feeds.mqtt.WAITING_MESSAGES", 20)
+    address = f"mqtt://127.0.0.1:{running.port}/many/#?client=many-{free_port()}"
+    live = open_feed(address, LAYOUT)
+    measured_until(live, lambda: live.counts.connected, lambda: None)
+    with publisher(running.port) as client:
+        for number in range(500):
+            client.publish("many/a", frame(number))
+        client.settled()
+    again = open_feed(address, LAYOUT)
+    given = measured_until(again, lambda: again.counts.received >= 500, lambda: None)
+
+    assert [int(block.samples[0, 0]) for block in blocks_of(given)] == list(range(500))
+    assert (again.counts.lost, again.counts.connections) == (0, 1)
 
 
 def test_what_a_broker_did_not_keep_is_counted_by_the_stamps(

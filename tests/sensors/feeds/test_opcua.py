@@ -2,9 +2,10 @@
 
 import asyncio
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,6 +16,7 @@ from asyncua import ua
 from asyncua.crypto.cert_gen import setup_self_signed_certificate
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
+from pipeline.deploy.certificates import make_certificates
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import parsed
@@ -194,11 +196,29 @@ def test_an_encrypted_channel_wants_the_server_and_the_password_that_were_named(
     live = feed(theirs[0])
     given = measured_until(live, lambda: newest(live, 99), lambda: write(server, "S", 1, 100))
     assert sorted(joined(given)) == list(range(100))
-    with pytest.raises(FeedError, match="the server shows another certificate"):
+    with pytest.raises(FeedError, match="the server shows another certificate") as error:
         list(feed(ours[0]).measured(threading.Event()))
+    assert str(error.value).count("opcua://") == 1
     monkeypatch.setenv("PILEWATCH_FEED_PASSWORD", "guessed")
     with pytest.raises(FeedError, match="refuses the user operator or the password"):
         list(feed(theirs[0]).measured(threading.Event()))
+
+
+def test_a_key_of_another_kind_or_certificate_is_one_line(
+    server: OpcUaServer, certificates: dict[str, tuple[Path, Path]], tmp_path: Path
+) -> None:
+    make_certificates(tmp_path, ["feed"], host="localhost")  # elliptic curves
+    elliptic = (tmp_path / "feed.pem", tmp_path / "feed-key.pem")
+    ours, theirs = certificates["ours"], certificates["theirs"]
+    for (certificate, key), sentence in (
+        (elliptic, "is no RSA key, as OPC UA needs it"),
+        ((ours[0], theirs[1]), "is not the key of cert="),
+        ((ours[0], ours[0]), "its certificates cannot be used"),
+    ):
+        security = f"security=encrypt&cert={certificate}&key={key}&server={theirs[0]}"
+        address = f"opcua://127.0.0.1:{server.port}/?{security}"
+        with pytest.raises(FeedError, match=sentence):
+            list(open_feed(address, LAYOUT, once=True).measured(threading.Event()))
 
 
 def endpoint(mode: ua.MessageSecurityMode, policy: str, *users: str) -> Any:
@@ -317,6 +337,63 @@ def test_values_are_read_with_their_status() -> None:
     never = ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadWaitingForInitialData))
     assert not pieces(reader, "ay", never)
     assert counts.malformed == 3
+
+
+NO_TIME = datetime(1601, 1, 1, tzinfo=UTC)
+
+
+def test_the_sources_time_stamp_goes_before_the_servers_and_either_will_do() -> None:
+    counts = FeedCounts()
+    reader = ValueReader(counts, None, "first")
+    later = BEGIN + timedelta(seconds=1)
+    values = [
+        ua.DataValue(ua.Variant(1.0), SourceTimestamp=BEGIN, ServerTimestamp=later),
+        ua.DataValue(ua.Variant(2.0), ServerTimestamp=later),
+        ua.DataValue(
+            ua.Variant(3.0), SourceTimestamp=NO_TIME, ServerTimestamp=later + timedelta(seconds=1)
+        ),
+        ua.DataValue(
+            ua.Variant(4.0),
+            ua.StatusCode(ua.StatusCodes.BadSensorFailure),
+            ServerTimestamp=later + timedelta(seconds=2),
+        ),
+    ]
+    found = pieces(reader, "ax", *values)
+    assert [each.start_ns - nanoseconds_of(BEGIN) for each in found] == [
+        second * NANOSECONDS for second in range(4)
+    ]
+    assert [each.samples.item() for each in found[:3]] == [1.0, 2.0, 3.0]
+    assert found[3].status is BlockStatus.SENSOR_FAULT
+    assert counts.malformed == 0
+
+
+@pytest.mark.parametrize("controller", [False, True])
+def test_a_value_without_any_time_stamp_is_refused(controller: bool) -> None:
+    counts = FeedCounts()
+    scada = ScadaReader(parsed("scada+opcua://h?wind_speed=W"), "t1")
+    reader = ScadaValueReader(scada, counts) if controller else ValueReader(counts, None, "first")
+    assert not list(reader.read("W", ua.DataValue(ua.Variant(1.0), SourceTimestamp=None)))
+    assert counts.refusal == "W: a value without a time stamp since 1970"
+    assert not list(reader.read("W", ua.DataValue(ua.Variant(1.0), ServerTimestamp=NO_TIME)))
+    assert counts.refusal.endswith("since 1970: the server's is 1601-01-01 00:00")
+    assert counts.malformed == 2
+
+
+def test_a_server_that_sends_only_its_own_time_stamps_is_read(server: OpcUaServer) -> None:
+    """asyncua's server stamps a value when it is written."""
+    server.tower("Own", ("ax", "ay"))
+    address = f"opcua://127.0.0.1:{server.port}?rate=20&interval=50&nodes=ns=2;s=Own.{{name}}"
+    live = open_feed(address, LAYOUT)
+    reached = live._feed._reader.newest_ns  # type: ignore[attr-defined]
+    begun_ns = time.time_ns()
+
+    def write() -> None:
+        for channel in ("ax", "ay"):
+            server.write(f"Own.{channel}", [1.0], 1, 20.0, stamps="ServerTimestamp")
+
+    measured_until(live, lambda: live.counts.received >= 4, write)
+    assert min(reached["ax"], reached["ay"]) >= begun_ns - 1000  # stamps end at a microsecond
+    assert "time stamp" not in live.counts.refusal
 
 
 @pytest.mark.parametrize(("stamp", "begin"), [("first", 0.0), ("last", -0.3)])

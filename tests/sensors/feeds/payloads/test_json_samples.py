@@ -30,6 +30,13 @@ def test_one_sample_of_several_channels() -> None:
     np.testing.assert_array_equal(piece.samples, [[0.5, -1.0]])
 
 
+def test_a_number_written_as_text_is_a_sample_of_a_channel_that_the_layout_lists() -> None:
+    (piece,) = read({"time": 1_700_000_000, "ax": "0.5", "ay": "-1e0", "serial": "12"})
+    assert (piece.names, piece.samples.tolist()) == (("ax", "ay"), [[0.5, -1.0]])
+    with pytest.raises(MessageError, match="'ax' is '0,5', which is no number"):
+        read({"time": 1_700_000_000, "ax": "0,5"})
+
+
 def test_several_samples_at_a_rate() -> None:
     (piece,) = read(
         {"t": 1_700_000_000, "rate": 40, "values": {"ax": [1, 2, 3], "ay": [4, None, 6]}}

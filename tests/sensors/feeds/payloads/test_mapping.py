@@ -1,5 +1,6 @@
 """A declared mapping finds every sample of a message, and a preset those of each vendor."""
 
+import json
 from contextlib import suppress
 from pathlib import Path
 
@@ -274,3 +275,44 @@ def test_a_row_or_message_without_samples_is_not_missing_among_the_numbered() ->
 
     assert [piece.names for piece in found] == [("ax",), ("ax",)]
     assert counts == FeedCounts()
+
+
+def test_numbers_written_as_text_are_samples_of_the_channels_that_a_layout_lists() -> None:
+    counts = FeedCounts()
+    reader = MappedReader(mapping_named("thingsboard"), ("ax", "ay"), counts)
+    values = {"ax": "1.23", "ay": " -4e-1 ", "firmware": "1.23", "state": "on"}
+    (piece,) = reader.read(encoded({"ts": str(time_ms(0)), "values": values}), "v1/telemetry")
+    assert (piece.names, piece.samples.tolist()) == (("ax", "ay"), [[1.23, -0.4]])
+    assert piece.start_ns == time_ms(0) * 1_000_000
+    assert counts.malformed == 0
+
+    list(reader.read(encoded({"ts": time_ms(1), "values": {"ax": "1,23", "ay": 0.1}}), "v1/t"))
+    assert (counts.malformed, counts.refusal) == (1, "v1/t: ax is '1,23', which is no number")
+    list(reader.read(encoded({"ts": time_ms(2), "values": {"ax": True, "ay": 0.1}}), "v1/t"))
+    assert (counts.malformed, counts.refusal) == (2, "v1/t: ax is True, which is no number")
+    list(reader.read(encoded({"ts": time_ms(3), "values": {"ax": "NAN", "ay": "", "b": "x"}}), "t"))
+    assert counts.malformed == 2  # no sample was taken
+
+
+def as_text(content: object) -> object:
+    """Every number written as text."""
+    if isinstance(content, dict):
+        return {key: as_text(each) for key, each in content.items()}
+    if isinstance(content, list):
+        return [as_text(each) for each in content]
+    return str(content) if isinstance(content, int | float) else content
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [each for each in SHAPES if each.preset != "sparkplug-b"],
+    ids=lambda shape: shape.preset,
+)
+def test_each_preset_reads_numbers_written_as_text(shape: Shape) -> None:
+    messages = shape.messages()
+    written = [(topic, encoded(as_text(json.loads(payload)))) for topic, payload in messages]
+    counts = FeedCounts()
+    found = samples_of(pieces_of(written, shape, counts))
+    expected = samples_of(pieces_of(messages, shape, FeedCounts()))
+    assert found == {key: each for key, each in expected.items() if key[0] in shape.names}
+    assert (counts.malformed, counts.lost) == (0, 0)

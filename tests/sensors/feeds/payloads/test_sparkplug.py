@@ -5,7 +5,7 @@ import pytest
 from sensors.feeds.payloads.json_samples import MessageError
 from sensors.feeds.payloads.mapped_reader import MappedReader
 from sensors.feeds.payloads.mapping import mapping_named
-from sensors.feeds.payloads.sparkplug import SparkplugDecoder
+from sensors.feeds.payloads.sparkplug import RebirthRequests, SparkplugDecoder
 from sensors.feeds.protocol import FeedCounts
 from tests.sensors.feeds.payloads.shapes import field, sparkplug_metric, time_ms
 
@@ -59,3 +59,65 @@ def test_messages_of_states_and_a_devices_death_are_not_missing_among_the_number
 
     assert len(found) == 2
     assert counts == FeedCounts()
+
+
+class Clock:
+    """Seconds that a test sets."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_a_node_whose_birth_certificate_did_not_come_is_asked_for_it_now_and_then() -> None:
+    clock = Clock()
+    rebirths = RebirthRequests(clock)
+    decoder = SparkplugDecoder(rebirths)
+    data = field(1, time_ms(1)) + sparkplug_metric(1.0, time_ms(1), alias=4)
+    birth = field(1, time_ms(1)) + sparkplug_metric(1.0, time_ms(1), name="ax", alias=4)
+
+    def asked_during(seconds: int, node: str = "n") -> list[int]:
+        found = []
+        begin = int(clock.now)
+        for second in range(begin, begin + seconds):
+            clock.now = float(second)
+            with pytest.raises(MessageError, match="the node is asked for another"):
+                decoder.decoded(f"spBv1.0/g/DDATA/{node}/d", data)
+            topics = [topic for topic, _ in rebirths.taken()]
+            assert topics in ([], [f"spBv1.0/g/NCMD/{node}"])
+            found += [second - begin] * len(topics)
+        return found
+
+    assert asked_during(1000) == [0, 60, 180, 420, 900]
+    assert asked_during(10, "other") == [0]
+    decoder.decoded("spBv1.0/g/DBIRTH/n/d", birth)
+    assert len(decoder.decoded("spBv1.0/g/DDATA/n/d", data)["metrics"]) == 1
+    again = SparkplugDecoder(rebirths)  # as after the node's names are lost
+    with pytest.raises(MessageError):
+        again.decoded("spBv1.0/g/DDATA/n/d", data)
+    assert len(rebirths.taken()) == 1
+
+
+def test_a_request_is_a_payload_of_its_own_kind() -> None:
+    """Node Control/Rebirth = true, a Boolean (datatype 11), with the stamps that are wanted."""
+    rebirths = RebirthRequests()
+    rebirths.want("spBv1.0/g/NDATA/n")
+    ((_, payload),) = rebirths.taken()
+    stamp = payload[1:7]
+    metric = field(1, b"Node Control/Rebirth") + b"\x18" + stamp + field(4, 11) + field(14, 1)
+    assert payload == b"\x08" + stamp + field(2, metric)
+    number = sum((byte & 127) << 7 * at for at, byte in enumerate(stamp))
+    assert number > time_ms(0)
+
+
+def test_a_whole_number_has_the_type_that_its_birth_certificate_stated() -> None:
+    decoder = SparkplugDecoder()
+    value = field(10, 2**32 - 5)
+    with pytest.raises(MessageError, match="ax is a whole number or an array of unknown type"):
+        decoder.decoded("spBv1.0/g/NDATA/n", field(2, field(1, b"ax") + value))
+    born = field(2, field(1, b"ax") + field(2, 1) + field(4, INT32) + value)
+    decoder.decoded("spBv1.0/g/NBIRTH/n", born)
+    for named in (field(1, b"ax"), field(2, 1)):
+        (metric,) = decoder.decoded("spBv1.0/g/NDATA/n", field(2, named + value))["metrics"]
+        assert metric == {"name": "ax", "value": -5}
