@@ -21,6 +21,7 @@ from pipeline.viewer.pictures.farm_overview import board_bounds
 from pipeline.viewer.pictures.mac_matrix import SIDE
 from pipeline.viewer.pictures.spectrum import measured_sides
 from pipeline.viewer.view_parameters import (
+    GROUND,
     ViewParameters,
     events_view,
     plane,
@@ -260,6 +261,7 @@ def _tower(root: str, parameters: ViewParameters) -> rrb.Spatial3DView:
         if parameters.has_structure
         else "Sensors by height [m]",
         line_grid=False,
+        background=GROUND,
         eye_controls=rrb.EyeControls3D(
             position=[360.0, 270.0, parameters.mid_height + 60.0],
             look_target=[0.0, 0.0, parameters.mid_height + 25.0],
@@ -278,6 +280,7 @@ def _shapes(root: str, parameters: ViewParameters, *, room: int) -> rrb.Spatial3
         if parameters.has_structure
         else "Mode shapes at the sensors, as identified; direction, f [Hz]",
         line_grid=False,
+        background=GROUND,
         eye_controls=rrb.EyeControls3D(
             position=[-middle + away, middle + away, parameters.mid_height],
             look_target=[-middle, middle, parameters.mid_height - 10.0],

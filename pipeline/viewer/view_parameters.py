@@ -10,11 +10,15 @@ from rerun.blueprint.components import Corner2DBatch
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from pipeline.viewer.drawing.entities import TIMELINE
+from pipeline.viewer.pictures import colours
 from sensors.acquisition.layout import SensorLayout
 
 Corner = Literal["", "LeftTop"]  # of a plot, where its legend is; "": there is none
 AT_LEFT = Corner2DBatch("LeftTop")
 TIME_MARGIN = 0.05  # of a finished session's time axis on both sides: room for dates [-]
+GROUND = rrb.Background(
+    color=colours.BACKGROUND, kind="SolidColor"
+)  # of every drawing, in both themes
 GRID_MARGIN = 0.15  # the same of the small plots in a grid [-]
 LEGEND_MARGIN = 0.2  # the same on the left where a legend stands there, beside the lines [-]
 
@@ -95,7 +99,7 @@ def plane(
 ) -> rrb.Spatial2DView:
     """Return a view of a picture in its own units, y down."""
     bounds = rrb.VisualBounds2D(x_range=list(x_range), y_range=list(y_range))
-    return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=bounds)
+    return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=bounds, background=GROUND)
 
 
 def events_view(path: str, name: str = "Events") -> rrb.TextLogView:

@@ -77,7 +77,7 @@ def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outl
         rr.Points3D(
             [(0.0, BESIDE, elevation) for elevation, _ in marks],
             radii=0.5,
-            colors=colours.NEUTRAL,
+            colors=colours.LABEL,
             labels=[f"{name} {elevation / turbine.scale:.4g} m" for elevation, name in marks],
             show_labels=True,
         ),
@@ -114,7 +114,7 @@ def log_sensors(
         rr.Points3D(
             [(0.0, -aside, height) for height in heights],
             radii=0.1,
-            colors=colours.NEUTRAL,  # blue is hardly read on a light label
+            colors=colours.LABEL,
             labels=[f"{level:g} m" for level in levels],
             show_labels=True,
         ),
@@ -177,7 +177,7 @@ def log_shape_place(
     recording.log(f"{path}/motion/model", line, static=True)
     dots = rr.Points3D.from_fields(radii=3.2, colors=colours.MEASURED)
     recording.log(f"{path}/motion/identified", dots, static=True)
-    caption = rr.Points3D.from_fields(radii=0.1, colors=colours.NEUTRAL, show_labels=True)
+    caption = rr.Points3D.from_fields(radii=0.1, colors=colours.LABEL, show_labels=True)
     recording.log(f"{path}/caption", caption, static=True)
 
 
@@ -212,7 +212,7 @@ def _caption(heights: Sequence[float], lines: Sequence[str]) -> rr.Points3D:
     return rr.Points3D(
         _on_axis(heights),
         radii=0.1,
-        colors=colours.NEUTRAL,
+        colors=colours.LABEL,
         labels=lines,
         show_labels=True,
     )

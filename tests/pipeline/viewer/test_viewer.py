@@ -24,7 +24,7 @@ from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
 from pipeline.viewer.turbine_view import MOST_AHEAD, TurbineView
 from pipeline.viewer.update_rates import TO_FILE
-from pipeline.viewer.view_parameters import ViewParameters, time_series, with_margins
+from pipeline.viewer.view_parameters import GROUND, ViewParameters, time_series, with_margins
 from pipeline.viewer.viewer_node import Viewer
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.structure.description import bare_mast
@@ -658,3 +658,23 @@ def _camera(view: Any) -> tuple[Any, Any]:
 
 def test_a_run_has_as_many_colours_as_nodes() -> None:
     assert len(set(colours.LEVELS)) == len(colours.LEVELS) >= 7
+
+
+def test_every_label_is_white_on_a_black_ground(recorded: Recorded) -> None:
+    white = [int.from_bytes(bytes((*colours.LABEL, 255)))]
+    labelled = {kind: recorded.with_column(f"{kind}:labels") for kind in ("Points2D", "Points3D")}
+    assert min(map(len, labelled.values())) > 3
+    for kind, entities in labelled.items():
+        for entity in entities:
+            drawn = [
+                one
+                for static in (True, False)
+                for one in recorded.column(entity, f"{kind}:colors", static=static)
+            ]
+            assert drawn and all(colour == white for colour in drawn), entity
+    parameters = ViewParameters("t1", (), ("1",), 50.0)
+    layout = session_blueprint([parameters, replace(parameters, turbine="t2")], playback_speed=1.0)
+    spatial = (rrb.Spatial2DView, rrb.Spatial3DView)
+    drawings = [view for view in _views(layout.root_container) if isinstance(view, spatial)]
+    assert len(drawings) > 10
+    assert all(view.properties["Background"] is GROUND for view in drawings)
