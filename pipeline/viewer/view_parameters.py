@@ -16,9 +16,8 @@ from sensors.acquisition.layout import SensorLayout
 Corner = Literal["", "LeftTop"]  # of a plot, where its legend is; "": there is none
 AT_LEFT = Corner2DBatch("LeftTop")
 TIME_MARGIN = 0.05  # of a finished session's time axis on both sides: room for dates [-]
-GROUND = rrb.Background(
-    color=colours.BACKGROUND, kind="SolidColor"
-)  # of every drawing, in both themes
+# Of every drawing, in both themes.
+GROUND = rrb.Background(color=colours.BACKGROUND, kind="SolidColor")
 GRID_MARGIN = 0.15  # the same of the small plots in a grid [-]
 LEGEND_MARGIN = 0.2  # the same on the left where a legend stands there, beside the lines [-]
 
