@@ -22,7 +22,8 @@ AMPLITUDE = 20.0  # swing of a shape's largest component in the picture [m]
 BESIDE = 75.0  # of the names of elevations from the axis: beside sea and mudline [m]
 SENSOR_LABELS = (34.0, 50.0, 70.0, 90.0)  # distances of the heights' labels from the axis [m]
 CLEARANCE = 12.0  # of a label's middle from a blade [m]
-SPACING = 52.0  # between two shapes [m]: room for their labels
+SPACING = 58.0  # between two shapes [m]: room for their labels
+LINE = 26.0  # from one line of text below a shape to the next [m]
 NAME_HEIGHT = (
     32.0  # of a mode's name above the tower's top: clear of its swing, seen from above [m]
 )
@@ -202,7 +203,7 @@ def log_shape_caption(
     recording: rr.RecordingStream, root: str, label: str, lines: Sequence[str], *, foot: float
 ) -> None:
     """Write lines of text below a shape, downwards from elevation `foot` [m]."""
-    heights = [foot - 20.0 * line for line in range(len(lines))]
+    heights = [foot - LINE * line for line in range(len(lines))]
     below = rr.Points3D.from_fields(positions=_on_axis(heights), labels=lines)
     recording.log(f"{shape_path(root, label)}/caption", below)
 
