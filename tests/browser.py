@@ -49,7 +49,7 @@ INK = 40  # by which a letter's colour differs from what is behind it, of 255
 HERE = ("127.0.0.1", "localhost")
 # The viewer tells the console of every shader it makes; to hear it takes longer than to draw.
 # Whether the pictures that a page is served for have come whole.
-FETCHED = """() => document.documentElement.dataset.show.split(" ")
+FETCHED = """document.documentElement.dataset.show.split(" ")
     .filter(place => place.startsWith("/"))
     .every(place => performance.getEntriesByName(location.origin + place).length > 0)"""
 QUIET = "console.debug = () => {};"
@@ -151,9 +151,21 @@ def start_viewer(page: "Page") -> None:
     if is_asked := page.locator("#open").is_visible():
         page.locator("#open").tap()
     page.locator("#note").wait_for(state="hidden", timeout=1000 * PATIENCE)
-    page.wait_for_function(FETCHED, timeout=1000 * PATIENCE)
+    await_true(page, FETCHED)
     if is_asked:
-        page.wait_for_function("window.narrow", timeout=1000 * PATIENCE)
+        await_true(page, "window.narrow")  # has its narrow layout
+
+
+def await_true(page: "Page", expression: str) -> None:
+    """Wait until an expression is true; Playwright's own wait needs what the page's policy forbids.
+
+    TimeoutError after PATIENCE.
+    """
+    deadline = time.monotonic() + PATIENCE
+    while not page.evaluate(expression):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{page.url}: not within {PATIENCE:g} s: {expression}")
+        page.wait_for_timeout(1000 * LOOK / 3)
 
 
 def settled_picture(page: "Page") -> bytes:

@@ -8,7 +8,13 @@ from pipeline.state.posterior_json import STIFFNESSES
 from pipeline.viewer.drawing.entities import FARM, TIMELINE, turbine_path
 from pipeline.viewer.narrow_blueprint import narrow_tabs
 from pipeline.viewer.pictures.spectrum import measured_sides
-from pipeline.viewer.view_parameters import ViewParameters, events_view, with_margins
+from pipeline.viewer.view_parameters import (
+    LEGEND_MARGIN,
+    NARROW_LEGEND_MARGIN,
+    ViewParameters,
+    events_view,
+    with_margins,
+)
 from pipeline.viewer.views import (
     accelerations_view,
     board_view,
@@ -56,7 +62,8 @@ def session_blueprint(
     listing = next((each.turbine for each in parameters if each.lists_nodes), None)
     top = narrow_tabs(parameters, listing) if narrow else _wide_tabs(parameters, listing)
     if span_ns is not None and span_ns[0] < span_ns[1]:
-        with_margins(top, span_ns)
+        beside_legends = NARROW_LEGEND_MARGIN if narrow else LEGEND_MARGIN
+        with_margins(top, span_ns, legend_margin=beside_legends)
     return rrb.Blueprint(
         top,
         rrb.TimePanel(

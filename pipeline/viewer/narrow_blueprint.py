@@ -91,7 +91,7 @@ def _overview(root: str, parameters: ViewParameters) -> rrb.Tabs:
         "Overview",
         rrb.Vertical(indicators_view(root), status_view(root), row_shares=[1, 4], name="State"),
         _alone("Tower", tower_view(root, parameters, away=1.1)),
-        events_view(f"{root}/events"),
+        _alone("Events", events_view(f"{root}/events")),
     )
 
 
@@ -160,7 +160,10 @@ def _health(root: str, nodes: str) -> rrb.Tabs:
     shared = "" if nodes == root else ", nodes of the session"
     return _tabs(
         "Health",
-        rrb.TextDocumentView(origin=f"{root}/health/text", name="Windows, gaps, nodes"),
+        _alone(
+            "State",
+            rrb.TextDocumentView(origin=f"{root}/health/text", name="Windows, gaps, nodes"),
+        ),
         rrb.Vertical(
             node_view(f"{nodes}/health/lost", f"Blocks lost or late [-]{shared}"),
             node_view(f"{nodes}/health/behind", f"Delay behind the newest block [s]{shared}"),
@@ -174,7 +177,7 @@ def _farm(parameters: Sequence[ViewParameters]) -> rrb.Tabs:
     return _tabs(
         "All turbines",
         _alone("State", board_view(len(turbines))),
-        rrb.TextDocumentView(origin=f"{FARM}/table", name="Table"),
+        _alone("Table", rrb.TextDocumentView(origin=f"{FARM}/table", name="Table")),
         rrb.Vertical(*[medians_view(turbines, name) for name in STIFFNESSES], name="Medians"),
-        events_view(f"{FARM}/events", "Events"),
+        _alone("Events", events_view(f"{FARM}/events", "Warnings, gaps, events, if any")),
     )

@@ -20,6 +20,7 @@ TIME_MARGIN = 0.05  # of a finished session's time axis on both sides: room for 
 GROUND = rrb.Background(color=colours.BACKGROUND, kind="SolidColor")
 GRID_MARGIN = 0.15  # the same of the small plots in a grid [-]
 LEGEND_MARGIN = 0.2  # the same on the left where a legend stands there, beside the lines [-]
+NARROW_LEGEND_MARGIN = 0.45  # the same on a narrow screen [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +69,12 @@ def time_series(origin: str, name: str, legend: Corner = "", **more: Any) -> rrb
     )
 
 
-def with_margins(part: Any, span_ns: tuple[int, int], margin: float = TIME_MARGIN) -> None:
+def with_margins(
+    part: Any,
+    span_ns: tuple[int, int],
+    margin: float = TIME_MARGIN,
+    legend_margin: float = LEGEND_MARGIN,
+) -> None:
     """Give every plot below a container its room beside the first and the last sample.
 
     Parameters
@@ -79,15 +85,17 @@ def with_margins(part: Any, span_ns: tuple[int, int], margin: float = TIME_MARGI
         Start and end of the session [ns since 1970].
     margin : float, optional
         Room on both sides, as a share of the session [-].
+    legend_margin : float, optional
+        Room on the left where a legend stands there [-].
     """
     if isinstance(part, rrb.Container):
         inside = GRID_MARGIN if isinstance(part, rrb.Grid) else margin
         for each in part.contents:
-            with_margins(each, span_ns, inside)
+            with_margins(each, span_ns, inside, legend_margin)
     elif isinstance(part, rrb.TimeSeriesView):
         (start, end), legend = span_ns, part.properties["PlotLegend"]
         at_left = isinstance(legend, rrb.PlotLegend) and legend.corner == AT_LEFT
-        left = LEGEND_MARGIN if at_left else margin
+        left = legend_margin if at_left else margin
         first = rrb.TimeRangeBoundary.absolute(nanos=round(start - left * (end - start)))
         last = rrb.TimeRangeBoundary.absolute(nanos=round(end + margin * (end - start)))
         part.properties["TimeAxis"] = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
