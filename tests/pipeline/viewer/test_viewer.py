@@ -379,7 +379,12 @@ def test_status_and_events_tell_the_session(recorded: Recorded):
     assert sum("window 1 rejected" in text for text in events) == 1
     assert sum("÷ nominal" in text for text in events) == 2
     levels = [level for (level,) in recorded.column(f"{ROOT}/events", "TextLog:level")]
-    assert levels.count("WARN") == 3  # the gap, the rejected window, a warning of both others
+    assert levels.count("warning") == 3  # the gap, the rejected window, a warning of both others
+    assert set(levels) <= {
+        "info",
+        "warning",
+        "error",
+    }  # none that Rerun has a colour of its own for
     assert sum(text.split("  ")[1].startswith("close-modes: 0.157") for text in events) == 1
 
 
@@ -449,7 +454,7 @@ def test_blocks_that_a_unit_reports_as_faulty_make_an_event_when_drawn_together(
 
 def test_an_untrusted_posterior_is_an_error_in_the_events(tmp_path: Path):
     recorded = record(tmp_path / "s.rrd", Episode(n_windows=1, trusted=False))
-    assert ["ERROR"] in recorded.column(f"{ROOT}/events", "TextLog:level")
+    assert ["error"] in recorded.column(f"{ROOT}/events", "TextLog:level")
     assert "NOT TRUSTED" in recorded.column(f"{ROOT}/status", "TextDocument:text")[-1][0]
 
 
