@@ -219,12 +219,17 @@ def tab_places(png: bytes, rows: tuple[int, int]) -> list[int]:
 
 
 def drawn_picture(page: "Page", screen: Screen) -> bytes:
-    """The viewer's first picture with tabs: while it loads, a slow machine shows one without."""
-    deadline = time.monotonic() + PATIENCE
-    while not tab_places(picture := settled_picture(page), screen.tab_bar):
+    """The viewer's first picture with tabs that stays.
+
+    While it loads, a slow machine stops for long at one without, or with a session's first second.
+    """
+    before, deadline = b"", time.monotonic() + PATIENCE
+    while not tab_places(now := settled_picture(page), screen.tab_bar) or now != before:
+        before = now
+        page.wait_for_timeout(1000 * LOOK)
         if time.monotonic() > deadline:
             raise TimeoutError(f"{page.url} shows no tabs after {PATIENCE:g} s")
-    return picture
+    return now
 
 
 def tab_pictures(page: "Page", first: bytes, screen: Screen) -> Iterator[bytes]:

@@ -4,9 +4,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.resources import files
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rerun as rr
 import rerun.blueprint as rrb
@@ -18,6 +20,10 @@ from pipeline.viewer.view_parameters import ViewParameters
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import LAYOUT, REFERENCE_MODES, TURBINE
 
+# Of Rerun's labels, measured on a picture [pixels].
+LAID_OUT = 480  # width of a narrow screen
+CHARACTER = 6.3  # mean width of a text's characters
+TEXT_HEIGHT, BELOW = 14.0, 5.0  # of a text, and of its top from the place that it belongs to
 PARAMETERS = ViewParameters("t1", (LAYOUT,), tuple("abcdefghijk"), 50.0, sized=True, has_truth=True)
 MODES_ONLY = replace(PARAMETERS, has_structure=False, sized=False, lists_nodes=False)
 
@@ -68,6 +74,37 @@ def test_every_shape_of_a_narrow_screen_is_in_one_row():
     rows = [view.contents for view in views(root) if view.origin == "/t1/shapes"]
     assert max(map(len, rows)) == SHAPES_IN_ROW
     assert [path for row in rows for path in row] == [f"/t1/shapes/{m}/**" for m in "abcdefghijk"]
+
+
+def boxes(recorded: Recorded, view: Any) -> dict[str, np.ndarray]:
+    """Left, top, right, bottom of each text of a picture on a narrow screen [pixels]."""
+    (bounds,) = view.properties["VisualBounds2D"].range.as_arrow_array().to_pylist()
+    left, right = bounds["x_range"]
+    scale = LAID_OUT / (right - left)
+    *_, texts = recorded.column(f"{view.origin}/text", "Points2D:labels")
+    *_, places = recorded.column(f"{view.origin}/text", "Points2D:positions")
+    drawn = {}
+    for text, (x, y) in zip(texts, places, strict=True):
+        middle, top, half = scale * (x - left), scale * y + BELOW, CHARACTER * len(text) / 2
+        drawn[f"{text} at {x:.2f}, {y:.2f}"] = np.array(
+            [middle - half, top, middle + half, top + TEXT_HEIGHT]
+        )
+    return drawn
+
+
+def test_texts_of_a_narrow_screen_do_not_cover_each_other_and_none_is_cut(recorded: Recorded):
+    views_of = SessionViews.from_json(stored_views(recorded.path))
+    root = views_of.blueprint(narrow=True).root_container
+    pictures = [view for view in views(root) if isinstance(view, rrb.Spatial2DView)]
+    assert len(pictures) == 6
+    for view in pictures:
+        drawn = boxes(recorded, view)
+        for name, box in drawn.items():
+            assert box[0] >= 0, (view.origin, name)
+            assert box[2] <= LAID_OUT, (view.origin, name)
+        for (one, a), (other, b) in combinations(drawn.items(), 2):
+            apart = np.maximum(a[:2], b[:2]) >= np.minimum(a[2:], b[2:])
+            assert apart.any(), (view.origin, one, other)
 
 
 def test_a_file_of_pictures_has_its_narrow_layout_with_it(recorded: Recorded):
