@@ -125,7 +125,7 @@ def _overview_plots(root: str, parameters: ViewParameters) -> rrb.Vertical:
     shapes = shapes_view(root, parameters, room=13 if parameters.has_structure else 8)
     if not parameters.has_structure:
         return rrb.Vertical(frequencies_view(root, parameters), shapes, row_shares=[1, 1])
-    return rrb.Vertical(*stiffness_views(root, parameters), shapes, row_shares=[7, 7, 7, 10])
+    return rrb.Vertical(*stiffness_views(root, parameters), shapes, row_shares=[6, 6, 6, 10])
 
 
 def _signals(root: str, parameters: ViewParameters) -> rrb.Horizontal:

@@ -161,7 +161,7 @@ def shapes_view(
         background=GROUND,
         eye_controls=rrb.EyeControls3D(
             position=[-middle + away, middle + away, parameters.mid_height],
-            look_target=[-middle, middle, parameters.mid_height - 16.0],
+            look_target=[-middle, middle, parameters.mid_height - 22.0],
             eye_up=[0.0, 0.0, 1.0],
         ),
     )
