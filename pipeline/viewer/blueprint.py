@@ -9,8 +9,7 @@ from pipeline.viewer.drawing.entities import FARM, TIMELINE, turbine_path
 from pipeline.viewer.narrow_blueprint import narrow_tabs
 from pipeline.viewer.pictures.spectrum import measured_sides
 from pipeline.viewer.view_parameters import (
-    LEGEND_MARGIN,
-    NARROW_LEGEND_MARGIN,
+    NARROW_MARGINS,
     ViewParameters,
     events_view,
     with_margins,
@@ -62,8 +61,7 @@ def session_blueprint(
     listing = next((each.turbine for each in parameters if each.lists_nodes), None)
     top = narrow_tabs(parameters, listing) if narrow else _wide_tabs(parameters, listing)
     if span_ns is not None and span_ns[0] < span_ns[1]:
-        beside_legends = NARROW_LEGEND_MARGIN if narrow else LEGEND_MARGIN
-        with_margins(top, span_ns, legend_margin=beside_legends)
+        with_margins(top, span_ns, *(NARROW_MARGINS if narrow else ()))
     return rrb.Blueprint(
         top,
         rrb.TimePanel(

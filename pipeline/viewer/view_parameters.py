@@ -20,7 +20,7 @@ TIME_MARGIN = 0.05  # of a finished session's time axis on both sides: room for 
 GROUND = rrb.Background(color=colours.BACKGROUND, kind="SolidColor")
 GRID_MARGIN = 0.15  # the same of the small plots in a grid [-]
 LEGEND_MARGIN = 0.2  # the same on the left where a legend stands there, beside the lines [-]
-NARROW_LEGEND_MARGIN = 0.45  # the same on a narrow screen [-]
+NARROW_MARGINS = (0.08, 0.45)  # of a narrow screen: TIME_MARGIN and LEGEND_MARGIN [-]
 
 
 @dataclass(frozen=True, slots=True)
