@@ -4,7 +4,7 @@ FILE is a report (.html), opened as it is, or pictures (.rrd), opened on the pag
 `pilewatch show FILE --view web` serves; an address (http://…) is opened where it is, e.g. that of a
 session that runs with `--view web`. Each is opened as on a desk and as on a phone, dark and light,
 waited for until it has drawn, and saved as a PNG in FOLDER; with --tabs of pictures one PNG of each
-of the outermost tabs. What the browser complains of, and
+of the outermost tabs, of a phone also of those inside them. What the browser complains of, and
 every request that leaves this machine, is told; the exit code is then 1.
 
 Needs Playwright (pip install 'pilewatch[browser]') and Debian's chromium (apt-get install
@@ -30,6 +30,7 @@ from PIL import Image
 
 from pipeline.viewer.outputs.outputs import WebPage
 from pipeline.viewer.outputs.viewer_process import free_port, serve_page
+from pipeline.viewer.session_views import narrow_layout
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -43,9 +44,14 @@ FLAGS = (
 PATIENCE = 180.0  # for a page to have drawn all, in software [s]
 LOOK = 3.0  # between two looks that must be alike [s]
 TAB_GAP = 9  # between two tabs; between a tab's sign and its name there is less [pixels]
+TAB_WIDTH = 9  # at least; a frame beside the tabs is less [pixels]
 INK = 40  # by which a letter's colour differs from what is behind it, of 255
 HERE = ("127.0.0.1", "localhost")
 # The viewer tells the console of every shader it makes; to hear it takes longer than to draw.
+# Whether the pictures that a page is served for have come whole.
+FETCHED = """document.documentElement.dataset.show.split(" ")
+    .filter(place => place.startsWith("/"))
+    .every(place => performance.getEntriesByName(location.origin + place).length > 0)"""
 QUIET = "console.debug = () => {};"
 _log = logging.getLogger("browser")
 
@@ -59,10 +65,11 @@ class Screen:
     height: int  # [CSS pixels]
     is_phone: bool = False
     tab_bar: tuple[int, int] = (42, 62)  # rows of a picture [pixels]
+    inner_bar: tuple[int, int] | None = None  # the same of the tabs inside a tab
 
 
 DESK = Screen("desk", 1600, 1000)
-PHONE = Screen("phone", 390, 844, is_phone=True, tab_bar=(3, 13))
+PHONE = Screen("phone", 390, 844, is_phone=True, tab_bar=(7, 21), inner_bar=(35, 49))
 
 
 @dataclass(slots=True)
@@ -141,9 +148,24 @@ def note_asked(heard: Heard, address: str) -> None:
 
 def start_viewer(page: "Page") -> None:
     """Say yes where a narrow screen is asked first; wait until the viewer runs."""
-    if page.locator("#open").is_visible():
+    if is_asked := page.locator("#open").is_visible():
         page.locator("#open").tap()
     page.locator("#note").wait_for(state="hidden", timeout=1000 * PATIENCE)
+    await_true(page, FETCHED)
+    if is_asked:
+        await_true(page, "window.narrow")  # has its narrow layout
+
+
+def await_true(page: "Page", expression: str) -> None:
+    """Wait until an expression is true; Playwright's own wait needs what the page's policy forbids.
+
+    TimeoutError after PATIENCE.
+    """
+    deadline = time.monotonic() + PATIENCE
+    while not page.evaluate(expression):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{page.url}: not within {PATIENCE:g} s: {expression}")
+        page.wait_for_timeout(1000 * LOOK / 3)
 
 
 def settled_picture(page: "Page") -> bytes:
@@ -180,7 +202,8 @@ def served(place: str) -> Iterator[str]:
     if place.startswith("http"):
         yield place
     elif place.endswith(".rrd"):
-        with serve_page(WebPage(free_port(0), free_port(0)), Path(place)) as shown:
+        page = WebPage(free_port(0), free_port(0))
+        with serve_page(page, Path(place), narrow=narrow_layout) as shown:
             yield shown.address
     else:
         yield Path(place).resolve().as_uri()
@@ -192,25 +215,39 @@ def tab_places(png: bytes, rows: tuple[int, int]) -> list[int]:
         bar = np.asarray(picture.convert("L"), dtype=float)[slice(*rows)]
     inked = np.flatnonzero((np.abs(bar - np.median(bar)) > INK).any(axis=0))
     groups = np.split(inked, np.flatnonzero(np.diff(inked) > TAB_GAP) + 1)
-    return [int(group.mean()) for group in groups if len(group)]
+    return [int(group.mean()) for group in groups if len(group) >= TAB_WIDTH]
 
 
 def drawn_picture(page: "Page", screen: Screen) -> bytes:
-    """The viewer's first picture with tabs: while it loads, a slow machine shows one without."""
-    deadline = time.monotonic() + PATIENCE
-    while not tab_places(picture := settled_picture(page), screen.tab_bar):
+    """The viewer's first picture with tabs that stays.
+
+    While it loads, a slow machine stops for long at one without, or with a session's first second.
+    """
+    before, deadline = b"", time.monotonic() + PATIENCE
+    while not tab_places(now := settled_picture(page), screen.tab_bar) or now != before:
+        before = now
+        page.wait_for_timeout(1000 * LOOK)
         if time.monotonic() > deadline:
             raise TimeoutError(f"{page.url} shows no tabs after {PATIENCE:g} s")
-    return picture
+    return now
 
 
 def tab_pictures(page: "Page", first: bytes, screen: Screen) -> Iterator[bytes]:
-    """A picture of each tab behind the first; a page has none."""
-    row = sum(screen.tab_bar) / 2
-    with Image.open(BytesIO(first)) as picture:  # of a narrow page, laid out wider, as wide as that
+    """A picture of each tab behind the first, and of those inside it; a page has none."""
+    for number, shown in enumerate(opened_tabs(page, first, screen.tab_bar)):
+        if number:
+            yield shown
+        if screen.inner_bar:
+            yield from list(opened_tabs(page, shown, screen.inner_bar))[1:]
+
+
+def opened_tabs(page: "Page", shown: bytes, bar: tuple[int, int]) -> Iterator[bytes]:
+    """What is shown, the first tab of a bar open, then a picture of each of the others."""
+    with Image.open(BytesIO(shown)) as picture:  # of a narrow page, laid out wider, as wide as that
         scale = page.evaluate("window.innerWidth") / picture.width
-    for x in tab_places(first, screen.tab_bar)[1:]:
-        page.mouse.click(x * scale, row * scale)
+    yield shown
+    for x in tab_places(shown, bar)[1:]:
+        page.mouse.click(x * scale, sum(bar) / 2 * scale)
         yield settled_picture(page)
 
 

@@ -252,9 +252,16 @@ def open_view(asked: str | None, *pictures: Path) -> Iterator[View]:
     if not isinstance(view, WebPage):
         yield View(view)
         return
-    with serve_page(view, *pictures) as shown:
+    with serve_page(view, *pictures, narrow=_narrow_layout) as shown:
         stderr.print(f"Open in a browser: {shown.address}", soft_wrap=True)
         yield View(shown.output, shown.address)
+
+
+def _narrow_layout(place: Path) -> bytes:
+    """Return the layout of a session for a narrow screen; rerun is loaded for it alone."""
+    from pipeline.viewer.session_views import narrow_layout
+
+    return narrow_layout(place)
 
 
 @contextmanager

@@ -58,7 +58,7 @@ def node_command(
         command += ["--scenario", source.scenario.origin]
     command += ["--sampler", source.scenario.updating.sampling.method]
     if isinstance(options.view, ConnectedViewer):
-        command += ["--view", f"connect={options.view.url}"]
+        command += ["--view", options.view.word]
     elif options.view is not None:
         command += ["--view", "spawn"]
     return command + ([] if options.rrd else ["--no-rrd"])

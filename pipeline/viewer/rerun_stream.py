@@ -18,7 +18,6 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.viewer.blueprint import session_blueprint
 from pipeline.viewer.drawing.entities import at
 from pipeline.viewer.drawing.plots_2d import log_farm
 from pipeline.viewer.outputs.connection import (
@@ -30,6 +29,7 @@ from pipeline.viewer.outputs.connection import (
 )
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput
 from pipeline.viewer.pictures.farm_overview import farm_markdown, status_indicators
+from pipeline.viewer.session_views import SessionViews, send_views
 from pipeline.viewer.turbine_view import TurbineView
 from pipeline.viewer.update_rates import TO_FILE, TO_VIEWER
 from pipeline.viewer.view_parameters import ViewParameters
@@ -186,12 +186,9 @@ class RerunStream:
     def _send_blueprint(self, span_ns: tuple[int, int] | None = None) -> None:
         """Send the layout; with the span of a session that is over, plots get their margins."""
         self._unsettled_ns = None
-        blueprint = session_blueprint(
-            list(self._parameters.values()),
-            playback_speed=self._rates.playback_speed,
-            span_ns=span_ns,
-        )
-        self._recording.send_blueprint(blueprint)
+        parameters = tuple(self._parameters.values())
+        views = SessionViews(parameters, self._rates.playback_speed, span_ns)
+        send_views(self._recording, self._output, views)
 
     def _draw_overview(self) -> None:
         """Draw the overview of a farm; a single turbine needs none."""

@@ -247,8 +247,8 @@ class TurbineView:
         self._truth = truth
         self._status.take(truth)
         self._at(truth.time_ns)
-        drawn = "known and drawn in green" if self._has_structure else "known"
-        self._event(f"simulated turbine: the true stiffness is {drawn}")
+        drawn = "known, drawn in green" if self._has_structure else "known"
+        self._event(f"simulated turbine: true stiffness {drawn}")
 
     def draw_gap(self, gap: StreamGap) -> None:
         """Draw missing blocks."""

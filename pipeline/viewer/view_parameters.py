@@ -10,13 +10,17 @@ from rerun.blueprint.components import Corner2DBatch
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
 from pipeline.viewer.drawing.entities import TIMELINE
+from pipeline.viewer.pictures import colours
 from sensors.acquisition.layout import SensorLayout
 
 Corner = Literal["", "LeftTop"]  # of a plot, where its legend is; "": there is none
 AT_LEFT = Corner2DBatch("LeftTop")
 TIME_MARGIN = 0.05  # of a finished session's time axis on both sides: room for dates [-]
+# Of every drawing, in both themes.
+GROUND = rrb.Background(color=colours.BACKGROUND, kind="SolidColor")
 GRID_MARGIN = 0.15  # the same of the small plots in a grid [-]
 LEGEND_MARGIN = 0.2  # the same on the left where a legend stands there, beside the lines [-]
+NARROW_MARGINS = (0.08, 0.45)  # of a narrow screen: TIME_MARGIN and LEGEND_MARGIN [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +69,12 @@ def time_series(origin: str, name: str, legend: Corner = "", **more: Any) -> rrb
     )
 
 
-def with_margins(part: Any, span_ns: tuple[int, int], margin: float = TIME_MARGIN) -> None:
+def with_margins(
+    part: Any,
+    span_ns: tuple[int, int],
+    margin: float = TIME_MARGIN,
+    legend_margin: float = LEGEND_MARGIN,
+) -> None:
     """Give every plot below a container its room beside the first and the last sample.
 
     Parameters
@@ -76,15 +85,17 @@ def with_margins(part: Any, span_ns: tuple[int, int], margin: float = TIME_MARGI
         Start and end of the session [ns since 1970].
     margin : float, optional
         Room on both sides, as a share of the session [-].
+    legend_margin : float, optional
+        Room on the left where a legend stands there [-].
     """
     if isinstance(part, rrb.Container):
         inside = GRID_MARGIN if isinstance(part, rrb.Grid) else margin
         for each in part.contents:
-            with_margins(each, span_ns, inside)
+            with_margins(each, span_ns, inside, legend_margin)
     elif isinstance(part, rrb.TimeSeriesView):
         (start, end), legend = span_ns, part.properties["PlotLegend"]
         at_left = isinstance(legend, rrb.PlotLegend) and legend.corner == AT_LEFT
-        left = LEGEND_MARGIN if at_left else margin
+        left = legend_margin if at_left else margin
         first = rrb.TimeRangeBoundary.absolute(nanos=round(start - left * (end - start)))
         last = rrb.TimeRangeBoundary.absolute(nanos=round(end + margin * (end - start)))
         part.properties["TimeAxis"] = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
@@ -95,7 +106,7 @@ def plane(
 ) -> rrb.Spatial2DView:
     """Return a view of a picture in its own units, y down."""
     bounds = rrb.VisualBounds2D(x_range=list(x_range), y_range=list(y_range))
-    return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=bounds)
+    return rrb.Spatial2DView(origin=origin, name=name, visual_bounds=bounds, background=GROUND)
 
 
 def events_view(path: str, name: str = "Events") -> rrb.TextLogView:

@@ -157,7 +157,7 @@ def text_labels(texts: Sequence[Text]) -> rr.Points2D:
     return rr.Points2D(
         [text.position for text in texts],
         radii=rr.Radius.ui_points(0.1),
-        colors=colours.NEUTRAL,
+        colors=colours.LABEL,
         labels=[text.text for text in texts],
         show_labels=True,
     )

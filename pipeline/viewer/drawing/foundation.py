@@ -82,6 +82,9 @@ def log_posterior_widths(
             recording.log(width_path(root, parameter.name), rr.Scalars(left))
 
 
+# Rerun has a colour for each of its own levels, whose contrast in the light theme is 2.6 (WARN) and
+# 4.5 (INFO); words of one's own have the colour of text.
+LEVEL_WORDS = {"INFO": "info", "WARN": "warning", "ERROR": "error"}
 FIRST_DRAW_ORDER = 20.0  # of a picture's lines that lie above each other; Rerun's default of lines
 
 
@@ -212,4 +215,4 @@ def log_node(recording: rr.RecordingStream, root: str, node: NodeStatus, *, behi
 
 def log_event(recording: rr.RecordingStream, root: str, text: str, *, level: str = "INFO") -> None:
     """Write one line of the event list; level is INFO, WARN or ERROR."""
-    recording.log(f"{root}/events", rr.TextLog(text, level=level))
+    recording.log(f"{root}/events", rr.TextLog(text, level=LEVEL_WORDS[level]))

@@ -22,7 +22,8 @@ AMPLITUDE = 20.0  # swing of a shape's largest component in the picture [m]
 BESIDE = 75.0  # of the names of elevations from the axis: beside sea and mudline [m]
 SENSOR_LABELS = (34.0, 50.0, 70.0, 90.0)  # distances of the heights' labels from the axis [m]
 CLEARANCE = 12.0  # of a label's middle from a blade [m]
-SPACING = 52.0  # between two shapes [m]: room for their labels
+SPACING = 58.0  # between two shapes [m]: room for their labels
+LINE = 26.0  # from one line of text below a shape to the next [m]
 NAME_HEIGHT = (
     32.0  # of a mode's name above the tower's top: clear of its swing, seen from above [m]
 )
@@ -77,7 +78,7 @@ def _log_elevation_marks(recording: rr.RecordingStream, root: str, turbine: Outl
         rr.Points3D(
             [(0.0, BESIDE, elevation) for elevation, _ in marks],
             radii=0.5,
-            colors=colours.NEUTRAL,
+            colors=colours.LABEL,
             labels=[f"{name} {elevation / turbine.scale:.4g} m" for elevation, name in marks],
             show_labels=True,
         ),
@@ -114,7 +115,7 @@ def log_sensors(
         rr.Points3D(
             [(0.0, -aside, height) for height in heights],
             radii=0.1,
-            colors=colours.NEUTRAL,  # blue is hardly read on a light label
+            colors=colours.LABEL,
             labels=[f"{level:g} m" for level in levels],
             show_labels=True,
         ),
@@ -177,7 +178,7 @@ def log_shape_place(
     recording.log(f"{path}/motion/model", line, static=True)
     dots = rr.Points3D.from_fields(radii=3.2, colors=colours.MEASURED)
     recording.log(f"{path}/motion/identified", dots, static=True)
-    caption = rr.Points3D.from_fields(radii=0.1, colors=colours.NEUTRAL, show_labels=True)
+    caption = rr.Points3D.from_fields(radii=0.1, colors=colours.LABEL, show_labels=True)
     recording.log(f"{path}/caption", caption, static=True)
 
 
@@ -202,7 +203,7 @@ def log_shape_caption(
     recording: rr.RecordingStream, root: str, label: str, lines: Sequence[str], *, foot: float
 ) -> None:
     """Write lines of text below a shape, downwards from elevation `foot` [m]."""
-    heights = [foot - 20.0 * line for line in range(len(lines))]
+    heights = [foot - LINE * line for line in range(len(lines))]
     below = rr.Points3D.from_fields(positions=_on_axis(heights), labels=lines)
     recording.log(f"{shape_path(root, label)}/caption", below)
 
@@ -212,7 +213,7 @@ def _caption(heights: Sequence[float], lines: Sequence[str]) -> rr.Points3D:
     return rr.Points3D(
         _on_axis(heights),
         radii=0.1,
-        colors=colours.NEUTRAL,
+        colors=colours.LABEL,
         labels=lines,
         show_labels=True,
     )

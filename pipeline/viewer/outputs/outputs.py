@@ -12,6 +12,7 @@ from pathlib import Path
 from sensors.errors import InputError
 
 DEFAULT_PORT = 9876  # the Rerun viewer's own [-]
+VIEWS_WORD = ",views="  # between the address of a served page's viewer and its file, for a node
 DEFAULT_PAGE_PORT = 9090  # the web viewer's own [-]
 
 
@@ -52,11 +53,18 @@ class ConnectedViewer:
     """A viewer that already runs at `url`, e.g. rerun+http://127.0.0.1:9876/proxy."""
 
     url: str
+    views: Path | None = None
+    """File for what the session's layout is made from, of a page that is served."""
 
     @property
     def option(self) -> str:
         """The output as given on the command line."""
         return f"--view connect={self.url}"
+
+    @property
+    def word(self) -> str:
+        """What `parse_view` reads this output from."""
+        return f"connect={self.url}" + (f"{VIEWS_WORD}{self.views}" if self.views else "")
 
 
 ViewerOutput = RrdFile | SpawnedViewer | ConnectedViewer
@@ -96,9 +104,10 @@ def parse_view(text: str) -> SpawnedViewer | ConnectedViewer | WebPage:
         return SpawnedViewer()
     if text == "web":
         return WebPage()
-    word, _, url = text.partition("=")
+    word, _, rest = text.partition("=")
+    url, _, views = rest.partition(VIEWS_WORD)
     if word == "connect" and _is_viewer_address(url):
-        return ConnectedViewer(url)
+        return ConnectedViewer(url, Path(views) if views else None)
     if word == "connect":
         raise ViewerError(
             f"--view connect={url}: not the address of a Rerun viewer, "

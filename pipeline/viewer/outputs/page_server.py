@@ -9,7 +9,7 @@ import http.client
 import logging
 import shutil
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from html import escape
 from http import HTTPStatus
@@ -31,6 +31,7 @@ PAGE_FILES = {  # path → file of this package, its type
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
 }
 VIEWER_FILES = ("/re_viewer.js", "/re_viewer_bg.wasm")  # the viewer itself, from Rerun's own server
+NARROW_LAYOUT = "/narrow.rbl"
 HOST_NAMES = (LOOPBACK, "localhost")  # by which a browser on this machine may call the page
 ANSWER_TIMEOUT = 10.0  # for Rerun's server to answer [s]
 _log = logging.getLogger(__name__)
@@ -38,7 +39,12 @@ _log = logging.getLogger(__name__)
 
 @contextmanager
 def run_page_server(
-    page_port: int, *, session: str, assets_port: int, pictures: Sequence[Path] = ()
+    page_port: int,
+    *,
+    session: str,
+    assets_port: int,
+    pictures: Sequence[Path] = (),
+    narrow: Callable[[], bytes] = bytes,
 ) -> Iterator[None]:
     """Serve the page for as long as the context lasts.
 
@@ -51,12 +57,15 @@ def run_page_server(
         Of Rerun's own web server on this machine.
     pictures : Sequence[Path], optional
         .rrd files to show.
+    narrow : Callable[[], bytes], optional
+        Returns the layout for a narrow screen, a .rbl; b"" while there is none.
 
     Raises
     ------
     OSError
         If the port is taken.
     """
+    narrow_layout = narrow
     places = {f"/{number}.rrd": path for number, path in enumerate(pictures)}
     shown = tuple(places) or (session,)
 
@@ -67,6 +76,7 @@ def run_page_server(
         policy = content_policy(shown)
         rrds = places
         assets = assets_port
+        narrow = staticmethod(narrow_layout)
 
     server = ThreadingHTTPServer((LOOPBACK, page_port), Handler)
     server.daemon_threads = True
@@ -110,6 +120,7 @@ class PageRequest(BaseHTTPRequestHandler):
     policy: str
     rrds: dict[str, Path]
     assets: int
+    narrow: Callable[[], bytes]
 
     def do_GET(self) -> None:
         """Serve the page's files, its .rrd files and the viewer of Rerun's server only."""
@@ -124,6 +135,8 @@ class PageRequest(BaseHTTPRequestHandler):
             elif path in self.rrds:
                 with self.rrds[path].open("rb") as rrd:
                     self._send(rrd, self.rrds[path].stat().st_size, "application/octet-stream")
+            elif path == NARROW_LAYOUT and (content := self.narrow()):
+                self._send(BytesIO(content), len(content), "application/octet-stream")
             elif path in VIEWER_FILES:
                 self._forward_to_rerun(path)
             else:

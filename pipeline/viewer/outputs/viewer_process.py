@@ -11,9 +11,10 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from pipeline.viewer.outputs.outputs import (
     ConnectedViewer,
@@ -57,13 +58,18 @@ def spawn_viewer(port: int) -> str:
 
 
 @contextmanager
-def serve_page(page: WebPage, *pictures: Path) -> Iterator[ServedPage]:
+def serve_page(
+    page: WebPage, *pictures: Path, narrow: Callable[[Path], bytes] = lambda _: b""
+) -> Iterator[ServedPage]:
     """A page for browsers, for as long as the context lasts, on free ports if the usual are in use.
 
     Parameters
     ----------
     pictures : Path
         .rrd files to open at the start.
+    narrow : Callable, optional
+        Makes the layout for a narrow screen, a .rbl, from a .rrd or from `ConnectedViewer.views`;
+        b"" where it cannot.
 
     Raises
     ------
@@ -79,10 +85,17 @@ def serve_page(page: WebPage, *pictures: Path) -> Iterator[ServedPage]:
     try:
         for each in (port, assets_port):
             _await_listening(server, each, page.option)
-        with run_page_server(
-            page_port, session=session, assets_port=assets_port, pictures=pictures
-        ):
-            yield ServedPage(ConnectedViewer(session), f"http://{LOOPBACK}:{page_port}/")
+        with TemporaryDirectory() as folder:
+            views = Path(folder) / "views.json"
+            with run_page_server(
+                page_port,
+                session=session,
+                assets_port=assets_port,
+                pictures=pictures,
+                narrow=lambda: narrow(pictures[0] if pictures else views),
+            ):
+                address = f"http://{LOOPBACK}:{page_port}/"
+                yield ServedPage(ConnectedViewer(session, views), address)
     finally:
         _stop(server, port, assets_port)
 

@@ -12,7 +12,7 @@ from sensors.arrays import FloatArray
 
 Point = tuple[float, float]
 
-PITCH = 1.35  # from one panel's corner to the next one's [panel widths]
+PITCH = 1.5  # from one panel's corner to the next one's [panel widths]
 HISTOGRAM_BINS = 24
 PEAK = 0.92  # height of a marginal's highest bin [panel heights]
 
@@ -189,10 +189,11 @@ def _texts(axes: Sequence[Axis], names: Sequence[str]) -> tuple[Text, ...]:
     last = len(axes) - 1
     texts = []
     for i, (axis, name) in enumerate(zip(axes, names, strict=True)):
-        texts.append(Text((i * PITCH + 0.5, i * PITCH - 0.15), f"{name} / nominal [-]"))
+        texts.append(Text((i * PITCH + 0.5, i * PITCH - 0.24), f"{name} / nominal [-]"))
         for tick, position in zip(axis.ticks, axis.position(axis.ticks), strict=True):
             label = f"{tick + 0.0:.4g}"  # 0, not -0
-            texts.append(Text((i * PITCH + float(position), last * PITCH + 1.1), label))
+            if tick in axis.ticks[[0, -1]]:  # side by side there is room for two
+                texts.append(Text((i * PITCH + float(position), last * PITCH + 1.1), label))
             if i > 0:
                 texts.append(Text((-0.16, i * PITCH + 1.0 - float(position)), label))
     return tuple(texts)
@@ -205,7 +206,7 @@ def _percent(value: float) -> str:
 def _prior_texts(contraction: FloatArray | None) -> tuple[Text, ...]:
     left = np.empty(0) if contraction is None else 100.0 * (1.0 - contraction)
     return tuple(
-        Text((i * PITCH + 0.5, i * PITCH - 0.27), f"{_percent(percent)} % of prior width")
+        Text((i * PITCH + 0.5, i * PITCH - 0.45), f"{_percent(percent)} % of prior width")
         for i, percent in enumerate(left)
         if np.isfinite(percent)
     )

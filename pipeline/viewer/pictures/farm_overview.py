@@ -18,8 +18,8 @@ from pipeline.viewer.pictures.status_text import (
 )
 
 ROWS_OF_TURBINES = 24  # of indicators in a column of turbines
-INDICATOR_X = (3.0, 4.4, 6.1)  # measurements, modes, foundation [picture units]
-COLUMN = 8.5  # from one column of turbines to the next [picture units]
+INDICATOR_X = (3.0, 4.6, 6.6)  # measurements, modes, foundation [picture units]
+COLUMN = 9.0  # from one column of turbines to the next [picture units]
 HEADS = ("data", "modes", "foundation")
 
 

@@ -71,7 +71,7 @@ def mac_matrix(
         Text((square * (j + 0.5), height + 3.0), posterior.model_labels[rows[j]])
         for j in range(0, len(rows), apart)
     ]
-    axes = [Text((width / 2, height + 20.0), "model mode"), Text((-18.0, -26.0), "identified [Hz]")]
+    axes = [Text((width / 2, height + 20.0), "model mode"), Text((5.0, -26.0), "identified [Hz]")]
     image = np.repeat(np.repeat(shade_values(values), square, axis=0), square, axis=1)
     return MacMatrix(values, image, tuple(left + below + axes))
 

@@ -138,7 +138,7 @@ def _spiral() -> FloatArray:
 
 
 def _spring_texts(posterior: FoundationPosterior) -> tuple[Text, ...]:
-    places = ((-0.75, 0.32), (0.78, 0.14), (0.78, 0.32))
+    places = ((-0.75, 0.32), (0.74, 0.14), (0.74, 0.32))
     texts = []
     for name, place in zip(STIFFNESSES, places, strict=True):
         k = posterior.parameter(name)

@@ -19,7 +19,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
-HEIGHT, PITCH = 1.0, 1.25  # of a panel, and from one to the next [picture units]
+HEIGHT, PITCH = 1.0, 1.35  # of a panel, and from one to the next [picture units]
 SEGMENT = 100.0  # of Welch's method [s]: a resolution of 0.01 Hz
 FREQUENCY_BINS = 400  # of the logarithmic axis; the highest value of each is drawn
 DECADES = 6.0  # of spectral density shown below the highest
@@ -27,7 +27,7 @@ KEPT_DURATION = 3600.0  # of samples held for windows still to come [s]
 AXIS_TITLES = ("fore-aft", "side-side")
 PANEL_WIDTH = 2.6  # of a panel [picture units]
 LOWEST = 0.1  # left end [Hz]
-LABEL_DISTANCE = 0.2  # between two frequencies written above a panel [picture units]
+LABEL_DISTANCE = 0.27  # between two frequencies written above a panel [picture units]
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +221,7 @@ def _axis_texts(
         for below in range(0, int(DECADES), 2)
     ]
     for panel, name in enumerate(names):
-        middle = (PANEL_WIDTH / 2, panel * PITCH + HEIGHT + 0.13)
+        middle = (PANEL_WIDTH / 2, panel * PITCH + HEIGHT + 0.2)
         density = f"({unit})²/Hz" if unit else "1/Hz, unscaled"
         texts.append(Text(middle, f"frequency [Hz], {name}; density [{density}]"))
     return tuple(texts)

@@ -73,9 +73,9 @@ def stabilisation_picture(
 
 def _texts(axis: FrequencyAxis, top_order: float) -> tuple[Text, ...]:
     orders = range(0, int(top_order) + 1, ORDER_TICK)
-    levels = [Text((-0.1, HEIGHT * (1 - order / top_order)), f"{order}") for order in orders]
+    levels = [Text((-0.17, HEIGHT * (1 - order / top_order)), f"{order}") for order in orders]
     names = [
-        Text((PANEL_WIDTH / 2, HEIGHT + 0.14), "frequency [Hz]"),
-        Text((-0.1, -0.06), "order [-]"),
+        Text((PANEL_WIDTH / 2, HEIGHT + 0.22), "frequency [Hz]"),
+        Text((-0.12, -0.06), "order [-]"),
     ]
     return (*axis.tick_texts(HEIGHT + 0.05), *levels, *names)

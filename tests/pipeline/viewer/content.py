@@ -39,6 +39,10 @@ class Recorded:
                 rows += zip(times, values, strict=True)
         return [value for _, value in sorted(rows, key=lambda row: row[0])]
 
+    def with_column(self, component: str) -> set[str]:
+        """Entities that have one component."""
+        return {path for path, *_, batch in self._chunks if component in batch.schema.names}
+
     def times_ns(self, entity: str) -> np.ndarray:
         """(n_rows,) sensor times of one entity, sorted."""
         times = [

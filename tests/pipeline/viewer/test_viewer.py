@@ -16,7 +16,7 @@ from pipeline.messages import (
     ModalEstimate,
     RelativeStiffness,
 )
-from pipeline.viewer.blueprint import _shapes, session_blueprint, turbine_tabs
+from pipeline.viewer.blueprint import session_blueprint, turbine_tabs
 from pipeline.viewer.drawing.tower import CLEARANCE, SENSOR_LABELS, label_distance
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.pictures import colours
@@ -24,8 +24,9 @@ from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
 from pipeline.viewer.turbine_view import MOST_AHEAD, TurbineView
 from pipeline.viewer.update_rates import TO_FILE
-from pipeline.viewer.view_parameters import ViewParameters, time_series, with_margins
+from pipeline.viewer.view_parameters import GROUND, ViewParameters, time_series, with_margins
 from pipeline.viewer.viewer_node import Viewer
+from pipeline.viewer.views import shapes_view
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.structure.description import bare_mast
 from tests.pipeline.example_estimates import estimate, mode
@@ -378,7 +379,12 @@ def test_status_and_events_tell_the_session(recorded: Recorded):
     assert sum("window 1 rejected" in text for text in events) == 1
     assert sum("÷ nominal" in text for text in events) == 2
     levels = [level for (level,) in recorded.column(f"{ROOT}/events", "TextLog:level")]
-    assert levels.count("WARN") == 3  # the gap, the rejected window, a warning of both others
+    assert levels.count("warning") == 3  # the gap, the rejected window, a warning of both others
+    assert set(levels) <= {
+        "info",
+        "warning",
+        "error",
+    }  # none that Rerun has a colour of its own for
     assert sum(text.split("  ")[1].startswith("close-modes: 0.157") for text in events) == 1
 
 
@@ -448,7 +454,7 @@ def test_blocks_that_a_unit_reports_as_faulty_make_an_event_when_drawn_together(
 
 def test_an_untrusted_posterior_is_an_error_in_the_events(tmp_path: Path):
     recorded = record(tmp_path / "s.rrd", Episode(n_windows=1, trusted=False))
-    assert ["ERROR"] in recorded.column(f"{ROOT}/events", "TextLog:level")
+    assert ["error"] in recorded.column(f"{ROOT}/events", "TextLog:level")
     assert "NOT TRUSTED" in recorded.column(f"{ROOT}/status", "TextDocument:text")[-1][0]
 
 
@@ -581,7 +587,7 @@ def test_without_a_structure_the_status_is_of_modes(modes_only: Recorded) -> Non
     *_, labels = modes_only.column(f"{ROOT}/indicators/text", "Points2D:labels")
     assert labels[-1] == "foundation: no structural model"
     events = [text for (text,) in modes_only.column(f"{ROOT}/events", "TextLog:text")]
-    assert any(text.endswith("the true stiffness is known") for text in events)  # and not drawn
+    assert any(text.endswith("true stiffness known") for text in events)  # and not drawn
 
 
 def test_a_small_structure_is_drawn_as_tall_as_a_tower() -> None:
@@ -641,7 +647,7 @@ def _views(part: Any) -> list[Any]:
 def test_the_camera_sees_every_shape_of_modes_alone() -> None:
     """A row of twelve is farther away than one of eight, which just fits."""
     few, many = (
-        _shapes("/t1", ViewParameters("t1", (), modes, 50.0, has_structure=False), room=8)
+        shapes_view("/t1", ViewParameters("t1", (), modes, 50.0, has_structure=False), room=8)
         for modes in (("m",) * 8, ("m",) * 12)
     )
     away = [float(np.linalg.norm(np.subtract(*_camera(view)))) for view in (few, many)]
@@ -658,3 +664,24 @@ def _camera(view: Any) -> tuple[Any, Any]:
 
 def test_a_run_has_as_many_colours_as_nodes() -> None:
     assert len(set(colours.LEVELS)) == len(colours.LEVELS) >= 7
+
+
+def test_every_label_is_white_on_a_black_ground(recorded: Recorded) -> None:
+    white = [int.from_bytes(bytes((*colours.LABEL, 255)))]
+    labelled = {kind: recorded.with_column(f"{kind}:labels") for kind in ("Points2D", "Points3D")}
+    assert min(map(len, labelled.values())) > 3
+    for kind, entities in labelled.items():
+        for entity in entities:
+            drawn = [
+                one
+                for static in (True, False)
+                for one in recorded.column(entity, f"{kind}:colors", static=static)
+            ]
+            assert drawn, entity
+            assert all(colour == white for colour in drawn), entity
+    parameters = ViewParameters("t1", (), ("1",), 50.0)
+    layout = session_blueprint([parameters, replace(parameters, turbine="t2")], playback_speed=1.0)
+    spatial = (rrb.Spatial2DView, rrb.Spatial3DView)
+    drawings = [view for view in _views(layout.root_container) if isinstance(view, spatial)]
+    assert len(drawings) > 10
+    assert all(view.properties["Background"] is GROUND for view in drawings)

@@ -14,7 +14,11 @@ const words = document.getElementById("words");
 const canvas = document.getElementById("canvas");
 
 const NARROW = 700; // below which views side by side are not readable [CSS pixels]
-const NARROW_AS = 800; // layout width of a narrow screen [CSS pixels]
+const NARROW_AS = 480; // layout width of a narrow screen with tabs of its own [CSS pixels]
+const WIDE_AS = 800; // the same while it has the wide ones [CSS pixels]
+const NARROW_NAME = "narrow screen"; // of the narrow layout
+const PERIOD = 2000; // between two looks at the layout [ms]
+const ATTEMPTS = 5; // to set the narrow layout, each in vain
 
 /* Requests of the viewer to any other address are answered here with an empty response. */
 const origins = shown.map((address) => new URL(address.replace(/^rerun\+/, "")).origin);
@@ -45,7 +49,9 @@ async function start({ narrow = false } = {}) {
     await viewer.start(canvas);
     note.hidden = true;
     window.viewer = viewer; // for tests
+    if (narrow) viewer.open_channel("narrow", "narrow");
     watch(viewer);
+    if (narrow) keepNarrow(viewer);
   } catch (error) {
     fail(error);
   }
@@ -64,14 +70,45 @@ function fail(error) {
   words.textContent = `The viewer does not run in this browser: ${error}`;
 }
 
-/* Ask first on a phone: the viewer is 43 MB, and small there. */
+/* Gives the viewer the narrow layout whenever the one of the session, which is wide, has come. */
+async function keepNarrow(viewer, attempt = 0) {
+  let next = attempt;
+  const layout = shownLayout(viewer);
+  window.narrow = layout.includes(NARROW_NAME); // for tests
+  if (window.narrow) {
+    layWidth(NARROW_AS);
+    next = 0;
+  } else if (layout && attempt < ATTEMPTS) {
+    const answer = await ask("narrow.rbl");
+    if (answer.ok) {
+      viewer.send_rrd_to_channel("narrow", new Uint8Array(await answer.arrayBuffer()));
+      next += 1;
+    }
+  }
+  setTimeout(keepNarrow, PERIOD, viewer, next);
+}
+
+/* The layout that is shown, as Rerun writes it; "" before there is one. */
+function shownLayout(viewer) {
+  try {
+    return new TextDecoder("latin1").decode(viewer.save_blueprint());
+  } catch {
+    return "";
+  }
+}
+
+function layWidth(width) {
+  document.querySelector("meta[name=viewport]").content = `width=${width}`;
+}
+
+/* Ask first on a phone: the viewer is 43 MB. */
 function offer() {
   const narrow = document.getElementById("narrow");
   words.hidden = true;
   narrow.hidden = false;
   document.getElementById("open").onclick = () => {
     narrow.hidden = true;
-    document.querySelector("meta[name=viewport]").content = `width=${NARROW_AS}`;
+    layWidth(WIDE_AS);
     start({ narrow: true });
   };
 }

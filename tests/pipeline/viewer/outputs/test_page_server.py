@@ -31,12 +31,13 @@ class Assets(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def page(pictures: tuple[Path, ...] = ()) -> Iterator[str]:
+def page(pictures: tuple[Path, ...] = (), narrow: bytes = b"") -> Iterator[str]:
     """The address of a page whose viewer comes from a stand-in."""
     assets = ThreadingHTTPServer(("127.0.0.1", 0), Assets)
     Thread(target=assets.serve_forever, daemon=True).start()
     port = free_port(0)
     options = {"session": SESSION, "assets_port": assets.server_port, "pictures": pictures}
+    options["narrow"] = lambda: narrow
     with run_page_server(port, **options):
         yield f"http://127.0.0.1:{port}"
     assets.shutdown()
@@ -59,6 +60,13 @@ def test_pictures_are_served_whole_and_opened_instead_of_the_session(tmp_path: P
     with page((rrd,)) as address:
         assert 'data-show="/0.rrd"' in fetched(address).decode()
         assert fetched(f"{address}/0.rrd") == rrd.read_bytes()
+
+
+def test_a_narrow_screen_gets_a_layout_where_there_is_one():
+    with page(narrow=b"RRF2") as address:
+        assert fetched(f"{address}/narrow.rbl") == b"RRF2"
+    with page() as address, pytest.raises(urllib.error.HTTPError, match="404"):
+        fetched(f"{address}/narrow.rbl")
 
 
 @pytest.mark.parametrize("path", ["/1.rrd", "/../../pyproject.toml", "/sw.js", "/etc/passwd"])

@@ -125,7 +125,7 @@ def test_every_turbine_has_three_indicators_in_its_row_and_a_large_farm_further_
 def test_the_views_of_a_farm_are_laid_out_for_all_its_turbines_and_at_the_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    from pipeline.viewer import rerun_stream as show
+    from pipeline.viewer import session_views as show
 
     laid_out = []
 
