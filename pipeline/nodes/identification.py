@@ -87,7 +87,6 @@ class TurbineIdentification:
         cpu = None if clock is None else CpuLimit(limits.cpu_seconds, clock)
         self._context = WindowContext(settings, self._log.rotor_speed, cpu)
         self._channels = ChannelSwapMonitor()
-        self._of_the_past = NodeStatistics()  # of sessions that are over
         self._answers: tuple[WindowAnswer, ...] = ()  # the latest
         self._opening = OpeningBlocks()
         self._resumable: IdentificationState | None = None  # of an identification that has ended
@@ -192,7 +191,7 @@ class TurbineIdentification:
         self._session = self._new_session(unit, (*of_boot, item)[0])
         joins = isinstance(self._session, JoinedSession) and isinstance(before, UnitSession)
         if before is not None and not (joins and whole):
-            yield from self._finished(before)
+            yield from before.finish()
         for each in waiting:
             known = self.units.by_name.get(each.block.unit)
             fits = self._session.goes_on_with(each)
@@ -257,12 +256,7 @@ class TurbineIdentification:
         for each in self._opening.taken():
             if not each.used:
                 self._refuse_dropped(each)
-        yield from self._finished(session)
-
-    def _finished(self, session: IdentifiedSession) -> Iterator[Message]:
-        """Yield what a session still has to say; its blocks stay counted."""
         yield from session.finish()
-        self._of_the_past += NodeStatistics(late=session.late, duplicate=session.duplicate)
 
     def _in_context(self, answer: Message) -> Message:
         """An estimate with its window's conditions and warnings, or why it is none; other answers
@@ -284,10 +278,10 @@ class TurbineIdentification:
     @property
     def statistics(self) -> NodeStatistics:
         """Blocks that were not used, and why."""
-        counts = self._of_the_past + self.units.statistics
-        if self._session is None:
-            return counts
-        return counts + NodeStatistics(late=self._session.late, duplicate=self._session.duplicate)
+        unused = self._context.unused
+        return self.units.statistics + NodeStatistics(
+            late=unused["late"], duplicate=unused["duplicate"]
+        )
 
     def snapshot(self) -> NodeSnapshot:
         """The numbers that windows go by; samples are read again from where they are kept."""

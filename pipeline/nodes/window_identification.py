@@ -1,8 +1,9 @@
 """Cut ordered blocks into windows; identify each or reject it with a reason."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,7 +28,13 @@ from pipeline.oma.windows.unit_clock import (
     ClockStep,
     text_of_step,
 )
-from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
+from pipeline.oma.windows.windowing import (
+    Beginning,
+    BlockOrder,
+    MissingSamples,
+    Window,
+    WindowCutter,
+)
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -49,6 +56,12 @@ class WindowContext:
     """Of a window by SCADA."""
     limit: CpuLimit | None = None
     """What a window may cost; None: whatever it does."""
+    unused: Counter[str] = field(default_factory=Counter)
+    """Blocks of all sessions that came too late or twice: see `BlockOrder`."""
+
+    def order(self, beginning: Beginning) -> BlockOrder:
+        """Return the order of a unit's blocks from where they are expected to begin."""
+        return BlockOrder(self.settings.lateness, beginning, self.unused)
 
 
 class WindowIdentification:

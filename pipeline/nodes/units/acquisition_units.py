@@ -14,7 +14,7 @@ from pipeline.nodes.window_identification import WindowContext, WindowIdentifica
 from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
-from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
+from pipeline.oma.windows.windowing import Beginning, MissingSamples, Window
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.bounded_dict import BoundedDict
@@ -308,8 +308,8 @@ class UnitSession:
     ) -> None:
         block, self._boot = first.block, first.boot
         self._unit = block.unit
-        self._settings = context.settings
-        self._order = BlockOrder(context.settings.lateness, first.beginning)
+        self._context = context
+        self._order = context.order(first.beginning)
         self._origin = first.beginning.first_sample  # of the windows
         self.windows = WindowIdentification(
             block.turbine, block.unit, layouts, context, origins=self._origins
@@ -353,7 +353,7 @@ class UnitSession:
 
     def needed(self) -> dict[str, int]:
         """First sample of each unit that is not in an answered window."""
-        hop = self._settings.hop * self._rate
+        hop = self._context.settings.hop * self._rate
         first = self._origin + self.windows.shift
         return {self._unit: first + round(self.windows.next_index * hop)}
 
@@ -363,7 +363,7 @@ class UnitSession:
 
     def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered."""
-        self._order = BlockOrder(self._settings.lateness, needed[self._unit])
+        self._order = self._context.order(needed[self._unit])
         self._origin = int(state.get("origin", 0))
         self.windows.begin_at(int(state["window"]))
 
@@ -378,13 +378,3 @@ class UnitSession:
             if self._origin:
                 piece = replace(piece, first_sample=piece.first_sample - self._origin)
             yield from self.windows.push(piece)
-
-    @property
-    def late(self) -> int:
-        """Blocks that came too late."""
-        return self._order.late
-
-    @property
-    def duplicate(self) -> int:
-        """Blocks that came twice."""
-        return self._order.duplicate

@@ -11,6 +11,7 @@ more samples or fewer, which are read at the instants at which a true one takes 
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -60,15 +61,22 @@ class BlockOrder:
 
     Decisions depend on the blocks alone, never on when they arrived: a missing block is given up
     when one that begins more than `lateness` after it has come.
+
+    unused   counts the blocks that came after they had been given up, "late", and those that came
+             twice, "duplicate"
     """
 
-    def __init__(self, lateness: float, beginning: Beginning = Beginning()):
+    def __init__(
+        self,
+        lateness: float,
+        beginning: Beginning = Beginning(),
+        unused: Counter[str] | None = None,
+    ):
         self._lateness = lateness  # [s] of sensor time
         self._beginning = beginning
         self._waiting: dict[int, AccelerationBlock] = {}  # by first_sample
         self._last: AccelerationBlock | None = None
-        self.late = 0  # blocks that came after they had been given up
-        self.duplicate = 0  # blocks that came twice
+        self.unused: Counter[str] = Counter() if unused is None else unused
 
     def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock | MissingSamples]:
         """Take one block as it arrives; give what is now in order."""
@@ -76,7 +84,7 @@ class BlockOrder:
             self._count_unusable(block)
             return
         if block.first_sample in self._waiting:
-            self.duplicate += 1
+            self.unused["duplicate"] += 1
             return
         self._waiting[block.first_sample] = block
         yield from self._released(give_up=False)
@@ -93,10 +101,8 @@ class BlockOrder:
 
     def _count_unusable(self, block: AccelerationBlock) -> None:
         seen = block.first_sample < self._beginning.first_sample  # before a restart
-        if seen or (self._last is not None and block.sequence == self._last.sequence):
-            self.duplicate += 1
-        else:
-            self.late += 1
+        again = seen or (self._last is not None and block.sequence == self._last.sequence)
+        self.unused["duplicate" if again else "late"] += 1
 
     def _released(self, *, give_up: bool) -> Iterator[AccelerationBlock | MissingSamples]:
         while self._waiting:
