@@ -19,7 +19,7 @@ from pipeline.messages import (
     same_window,
     without_covariances,
 )
-from pipeline.state.repeated_warnings import DistinctWarnings, without_repeats
+from pipeline.state.repeated_warnings import DistinctWarnings
 from pipeline.state.run_modes import CombinedMode, CombinedTracks
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -145,8 +145,8 @@ class TurbineState:
 
     def __post_init__(self) -> None:
         if self.kept is not None:
-            self.tracks = CombinedTracks(MOST_TRACKS)
-            self.window_warnings = DistinctWarnings(MOST_WINDOW_WARNINGS)
+            self.tracks = CombinedTracks(most=MOST_TRACKS)
+            self.window_warnings = DistinctWarnings(most=MOST_WINDOW_WARNINGS)
 
     def fold(self, message: Message, *, counts: bool = True) -> None:
         """Take one message into account.
@@ -246,7 +246,7 @@ class TurbineState:
         found = [*(self.posterior.warnings if self.posterior else ())]
         found += self.window_warnings
         found += [each for status in self.statuses.values() for each in status.warnings]
-        return without_repeats(found)
+        return [*DistinctWarnings(found)]
 
     def _block(self, block: AccelerationBlock, *, counts: bool) -> None:
         unit = self._unit(block.unit)
