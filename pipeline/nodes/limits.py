@@ -1,12 +1,10 @@
 """What a unit or a turbine may cost, so that none costs the others' windows, how many of them there
 may be, and which blocks are beyond that."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 
 from pipeline.messages import QualityWarning
-from pipeline.oma.work_limit import WorkLimitExceeded, working_for
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.settings import NO_KEY
@@ -98,37 +96,3 @@ class CpuLimit:
     seconds: float
     """CPU time [s]."""
     clock: CpuClock
-
-
-class WindowWork:
-    """What the present window has cost, from the first of its new samples to its answer."""
-
-    def __init__(self, limit: CpuLimit | None) -> None:
-        self._limit = limit
-        self._spent = 0.0
-        self.exceeded = False
-
-    @contextmanager
-    def counted(self) -> Iterator[None]:
-        """Give up what runs inside once the window has cost too much; `exceeded` then."""
-        if self._limit is None or self.exceeded:
-            yield
-            return
-        started = self._limit.clock()
-        try:
-            with working_for(self._limit.seconds - self._spent, self._limit.clock):
-                yield
-        except WorkLimitExceeded:
-            self.exceeded = True
-        self._spent += self._limit.clock() - started
-
-    def refusal(self) -> QualityWarning | None:
-        """Return why the window has no answer; the next one begins with nothing spent."""
-        exceeded, self.exceeded, self._spent = self.exceeded, False, 0.0
-        if not exceeded or self._limit is None:
-            return None
-        return QualityWarning(
-            "too-much-work",
-            f"identification took more than {self._limit.seconds:g} s of CPU time and was given "
-            "up ([limits] cpu_seconds): fewer channels, a lower rate or a higher limit are needed",
-        )

@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +16,7 @@ from pipeline.messages import (
     UnitOrigin,
     WindowRejected,
 )
-from pipeline.nodes.limits import CpuLimit, WindowWork
+from pipeline.nodes.limits import CpuLimit
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.preprocessing import MOST_MISSING
@@ -35,6 +36,7 @@ from pipeline.oma.windows.windowing import (
     Window,
     WindowCutter,
 )
+from pipeline.oma.work_limit import WorkLimitExceeded, working_for
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -88,7 +90,7 @@ class WindowIdentification:
         columns: ColumnsOfUnits | None = None,
     ) -> None:
         settings = context.settings
-        self._work = WindowWork(context.limit)
+        self._limit = context.limit
         self._turbine, self._unit = turbine, unit
         self._origins_of = origins
         self._rotor_speed_of = context.rotor_speed
@@ -167,24 +169,33 @@ class WindowIdentification:
         missing = self._missing_units(window)
         refusal = self._refusal(window, missing)
         if refusal is not None:
-            self._work.refusal()
             yield self._rejected(window, refusal)
             return
         present = self._present(window, missing)
         names = self._names(window)
-        result = None
-        with self._work.counted():
-            if not self._work.exceeded:
+        try:
+            with self._limited():
                 result = self._identified(window, names, present if missing else None)
-        refusal = self._work.refusal()
-        if refusal is not None:
-            yield self._rejected(window, refusal)
+        except WorkLimitExceeded:
+            yield self._rejected(window, self._too_much_work())
             return
-        assert result is not None
         answer = self._answer(window, result, missing, present)
         yield answer
         if isinstance(answer, ModalEstimate):
             yield stabilisation_diagram(answer, result.diagrams, result.refused)
+
+    def _limited(self) -> AbstractContextManager[None]:
+        """Give up what runs inside where it costs more than a window may."""
+        limit = self._limit
+        return nullcontext() if limit is None else working_for(limit.seconds, limit.clock)
+
+    def _too_much_work(self) -> QualityWarning:
+        assert self._limit is not None
+        return QualityWarning(
+            "too-much-work",
+            f"identification took more than {self._limit.seconds:g} s of CPU time and was given "
+            "up ([limits] cpu_seconds): fewer channels, a lower rate or a higher limit are needed",
+        )
 
     def _answer(
         self, window: Window, result: Identification, missing: dict[str, float], present: list[int]
