@@ -21,7 +21,7 @@ from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffse
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.preprocessing import MOST_MISSING
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.covariance import settings_for_channels
+from pipeline.oma.ssi.ssi_cov import settings_for_channels
 from pipeline.oma.ssi.stabilization import stabilisation_diagram
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
 from pipeline.oma.windows.unit_clock import (

@@ -37,7 +37,7 @@ from pipeline.oma.ssi.band_identification import (
 )
 from pipeline.oma.ssi.bands import Band, plan_bands
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
-from pipeline.oma.ssi.covariance import References, references_among, with_bounded_references
+from pipeline.oma.ssi.ssi_cov import References, references_among, with_bounded_references
 from pipeline.oma.ssi.stabilization import PoleCloud, integrations_of
 from pipeline.oma.whittle.lone_modes import Sharpened, borne_out, sharpened
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
