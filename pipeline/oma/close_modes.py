@@ -22,7 +22,7 @@ from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, mod
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import around_mode, first_mode
 from pipeline.oma.whittle.pair_axes import with_leading_pole
-from pipeline.oma.whittle.spectral_peaks import PEAK_HALF_WIDTH, lone_peaks, peaks_of_two
+from pipeline.oma.whittle.unseen_modes import PEAK_HALF_WIDTH, lone_peaks, peaks_of_two
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
 HIDDEN = 4.0  # second power over flank of a mode that hides another: of 30 single modes none had

@@ -41,8 +41,7 @@ from pipeline.oma.ssi.ssi_cov import References, references_among, with_bounded_
 from pipeline.oma.ssi.stabilization import PoleCloud, integrations_of
 from pipeline.oma.whittle.lone_modes import Sharpened, borne_out, sharpened
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
-from pipeline.oma.whittle.spectral_peaks import LOWEST_PEAK
-from pipeline.oma.whittle.unseen_modes import bandwidth_share, with_unseen
+from pipeline.oma.whittle.unseen_modes import LOWEST_PEAK, bandwidth_share, with_unseen
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
