@@ -19,8 +19,6 @@ from pipeline.messages import (
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
 from pipeline.nodes.limits import (
     DEFAULT_LIMITS,
-    CpuClock,
-    CpuLimit,
     LimitSettings,
     window_refusal,
 )
@@ -36,9 +34,10 @@ from pipeline.nodes.units.acquisition_units import (
 from pipeline.nodes.units.block_admission import NO_LAYOUT, Admission
 from pipeline.nodes.units.joined_session import SILENT, IdentifiedSession, JoinedSession
 from pipeline.nodes.units.resuming import IdentificationState, needed_messages
-from pipeline.nodes.window_identification import WindowContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER, ChannelSwapMonitor
+from pipeline.oma.window_identification import WindowContext
+from pipeline.oma.work_limit import CpuClock, CpuLimit
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample

@@ -1,15 +1,12 @@
 """What a unit or a turbine may cost, so that none costs the others' windows, how many of them there
 may be, and which blocks are beyond that."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 
 from pipeline.messages import QualityWarning
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.settings import NO_KEY
-
-CpuClock = Callable[[], float]  # → CPU time of this thread [s]
 
 # Codes of refusals, as they are counted in a NodeStatus.
 TOO_LARGE = "window-too-large"
@@ -87,12 +84,3 @@ def window_refusal(
             "MB are identified",
         )
     return None
-
-
-@dataclass(frozen=True, slots=True)
-class CpuLimit:
-    """What a window's identification may cost."""
-
-    seconds: float
-    """CPU time [s]."""
-    clock: CpuClock

@@ -10,8 +10,8 @@ from pipeline.messages import Message, ModalEstimate, QualityWarning, StreamEnd,
 from pipeline.nodes.by_turbine import LimitedMembers
 from pipeline.nodes.node import NodeStatistics
 from pipeline.nodes.units.block_admission import BlockAdmission
-from pipeline.nodes.window_identification import WindowContext, WindowIdentification
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.window_identification import WindowContext, WindowIdentification
 from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
 from pipeline.oma.windows.unit_clock import BlockMonitor
 from pipeline.oma.windows.windowing import Beginning, MissingSamples, Window

@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +15,6 @@ from pipeline.messages import (
     UnitOrigin,
     WindowRejected,
 )
-from pipeline.nodes.limits import CpuLimit
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.preprocessing import MOST_MISSING
@@ -36,7 +34,7 @@ from pipeline.oma.windows.windowing import (
     Window,
     WindowCutter,
 )
-from pipeline.oma.work_limit import WorkLimitExceeded, working_for
+from pipeline.oma.work_limit import CpuLimit, WorkLimitExceeded, working_within
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -174,7 +172,7 @@ class WindowIdentification:
         present = self._present(window, missing)
         names = self._names(window)
         try:
-            with self._limited():
+            with working_within(self._limit):
                 result = self._identified(window, names, present if missing else None)
         except WorkLimitExceeded:
             yield self._rejected(window, self._too_much_work())
@@ -183,11 +181,6 @@ class WindowIdentification:
         yield answer
         if isinstance(answer, ModalEstimate):
             yield stabilisation_diagram(answer, result.diagrams, result.refused)
-
-    def _limited(self) -> AbstractContextManager[None]:
-        """Give up what runs inside where it costs more than a window may."""
-        limit = self._limit
-        return nullcontext() if limit is None else working_for(limit.seconds, limit.clock)
 
     def _too_much_work(self) -> QualityWarning:
         assert self._limit is not None
