@@ -1,7 +1,7 @@
 """Identification: acceleration blocks in, one modal estimate a window out.
 
 block ─► which blocks are used ─► a session of the turbine's units ─► windows ─► answers
-         `units/block_admission`  `units/acquisition_units`, `joined_session`    `_in_context`
+         `BlockAdmission`         `units/acquisition_units`, `joined_session`    `_in_context`
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -31,12 +31,12 @@ from pipeline.nodes.units.acquisition_units import (
     UnitBlock,
     UnitSession,
 )
-from pipeline.nodes.units.block_admission import NO_LAYOUT, Admission
 from pipeline.nodes.units.joined_session import SILENT, IdentifiedSession, JoinedSession
 from pipeline.nodes.units.resuming import IdentificationState, needed_messages
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER, ChannelSwapMonitor
 from pipeline.oma.window_identification import WindowContext
+from pipeline.oma.windows.block_admission import NO_LAYOUT, Admission
 from pipeline.oma.work_limit import CpuClock, CpuLimit
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout

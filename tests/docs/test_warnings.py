@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.nodes import limits
-from pipeline.nodes.units import block_admission
+from pipeline.oma.windows import block_admission
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "pages" / "reference" / "warnings.md"

@@ -9,9 +9,9 @@ from typing import Any
 from pipeline.messages import Message, ModalEstimate, QualityWarning, StreamEnd, UnitOrigin
 from pipeline.nodes.by_turbine import LimitedMembers
 from pipeline.nodes.node import NodeStatistics
-from pipeline.nodes.units.block_admission import BlockAdmission
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.window_identification import WindowContext, WindowIdentification
+from pipeline.oma.windows.block_admission import BlockAdmission
 from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
 from pipeline.oma.windows.unit_clock import BlockMonitor
 from pipeline.oma.windows.windowing import Beginning, MissingSamples, Window

@@ -18,7 +18,7 @@ from pipeline.messages import (
 )
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.limits import TOO_MANY_CHANNELS, LimitError, LimitSettings
-from pipeline.nodes.units.block_admission import (
+from pipeline.oma.windows.block_admission import (
     CONFLICT,
     OTHER_SESSION,
     REPEATED,
