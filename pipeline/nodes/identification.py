@@ -17,11 +17,6 @@ from pipeline.messages import (
     without_covariances,
 )
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
-from pipeline.nodes.limits import (
-    DEFAULT_LIMITS,
-    LimitSettings,
-    window_refusal,
-)
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog
 from pipeline.nodes.units.acquisition_units import (
@@ -36,7 +31,13 @@ from pipeline.nodes.units.resuming import IdentificationState, needed_messages
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER, ChannelSwapMonitor
 from pipeline.oma.window_identification import WindowContext
-from pipeline.oma.windows.block_admission import NO_LAYOUT, Admission
+from pipeline.oma.windows.block_admission import (
+    DEFAULT_LIMITS,
+    NO_LAYOUT,
+    Admission,
+    LimitSettings,
+    window_refusal,
+)
 from pipeline.oma.work_limit import CpuClock, CpuLimit
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
