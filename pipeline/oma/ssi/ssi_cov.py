@@ -316,9 +316,7 @@ def _largest_eigenpairs(symmetric: FloatArray, count: int) -> tuple[FloatArray, 
     return eigenvalues[: -count - 1 : -1], vectors[:, : -count - 1 : -1]
 
 
-def leading_singular_triplets(
-    matrix: HankelOperator, count: int, *, seed: int = 0
-) -> Triplets | None:
+def leading_singular_triplets(matrix: HankelOperator, count: int) -> Triplets | None:
     """The largest singular values and their vectors (U, s, V) by a block Krylov iteration.
 
     matrix   H, (m, n)
@@ -332,7 +330,7 @@ def leading_singular_triplets(
     Randomized block Krylov methods, for the random start.
     """
     width = _BLOCK_WIDTH
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     block = np.linalg.qr(matrix @ generator.standard_normal((matrix.shape[1], width)))[0]
     largest = min(_LARGEST_BASIS * count, min(matrix.shape) - width)
     bases = np.empty((matrix.shape[0], largest + width), order="F")  # B, grown in place
