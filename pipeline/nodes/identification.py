@@ -203,7 +203,12 @@ class TurbineIdentification:
 
     def _new_session(self, unit: AcquisitionUnit, first: UnitBlock) -> IdentifiedSession:
         """Return the session that begins with a block, or goes on with it after a restart."""
-        session = self._session_for(first)
+        layouts = self._layouts_to_join(first.block)
+        session: IdentifiedSession = (
+            JoinedSession(layouts, self._context)
+            if len(layouts) > 1
+            else UnitSession(first, unit.layouts, self._context)
+        )
         resumable, self._resumable = self._resumable, None
         if resumable is not None and resumable.boots.get(first.block.unit) == unit.boot:
             resumable.resume(session)
@@ -217,12 +222,6 @@ class TurbineIdentification:
         """The latest layout of every unit, by their names; none where the block's is not known."""
         layouts = self.units.latest_layouts
         return [layouts[name] for name in sorted(layouts)] if block.unit in layouts else []
-
-    def _session_for(self, first: UnitBlock) -> IdentifiedSession:
-        layouts = self._layouts_to_join(first.block)
-        if len(layouts) > 1:
-            return JoinedSession(layouts, self._context)
-        return UnitSession(first, self.units.layouts, self._context)
 
     def _ended(self, unit: AcquisitionUnit, end: StreamEnd) -> Iterator[Message]:
         unit.note_end(end)

@@ -11,7 +11,7 @@ from pipeline.nodes.by_turbine import LimitedMembers
 from pipeline.nodes.node import NodeStatistics
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.window_identification import WindowContext, WindowIdentification
-from pipeline.oma.windows.block_admission import BlockAdmission
+from pipeline.oma.windows.block_admission import BlockAdmission, Boot
 from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
 from pipeline.oma.windows.unit_clock import BlockMonitor
 from pipeline.oma.windows.windowing import Beginning, MissingSamples, Window
@@ -23,15 +23,6 @@ LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
 MARKS = 20_000  # of a unit's latest blocks at most: ten minutes of blocks of 30 ms
 MARGIN = 10.0 + FITTED_STAMPS  # [s] of blocks that a clock's line is fitted to
 MOST_OPENING = 64  # blocks that are kept
-
-
-@dataclass(frozen=True, slots=True)
-class Boot:
-    """A start of a unit."""
-
-    session: str
-    number: int
-    """Starts under that session's name before it."""
 
 
 def read_back(settings: OmaSettings) -> float:
@@ -64,7 +55,7 @@ class AcquisitionUnit:
     @property
     def boot(self) -> Boot:
         """The present one."""
-        return Boot(self.admission.session or "", self.admission.boot)
+        return self.admission.boot
 
     def begin(self, beginning: Beginning) -> None:
         """Begin a boot."""
@@ -123,7 +114,6 @@ class AcquisitionUnits:
 
     def __init__(self, settings: OmaSettings, most: int) -> None:
         self.by_name: dict[str, AcquisitionUnit] = {}
-        self.layouts: dict[str, SensorLayout] = {}  # of all units, by their ids
         self._settings = settings
         self._names = LimitedMembers(most)
         self._of_the_past = NodeStatistics()  # of units that are gone
@@ -138,17 +128,12 @@ class AcquisitionUnits:
         return self.by_name[name]
 
     def _let_go(self, name: str) -> None:
-        gone = self.by_name.pop(name)
-        self._of_the_past += NodeStatistics(rejected=gone.admission.refused)
-        for layout_id in gone.layouts:
-            self.layouts.pop(layout_id, None)
+        refused = self.by_name.pop(name).admission.refused
+        self._of_the_past += NodeStatistics(rejected=refused)
 
     def note_layout(self, layout: SensorLayout) -> None:
         """Remember a unit's layout; the latest of each unit are kept."""
-        oldest = self.named(layout.unit).layouts.put(layout.layout_id, layout)
-        if oldest is not None:
-            self.layouts.pop(oldest.layout_id, None)
-        self.layouts[layout.layout_id] = layout
+        self.named(layout.unit).layouts.put(layout.layout_id, layout)
 
     def forget_unread(self) -> None:
         """Forget of every unit what a restart would not read."""

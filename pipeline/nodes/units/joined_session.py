@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from pipeline.messages import Message, QualityWarning, UnitOrigin
-from pipeline.nodes.units.acquisition_units import Boot, UnitBlock, UnitSession
+from pipeline.nodes.units.acquisition_units import UnitBlock, UnitSession
 from pipeline.oma.window_identification import WindowContext, WindowIdentification
-from pipeline.oma.windows.block_admission import LAYOUT, STUBBORN, UNITS
+from pipeline.oma.windows.block_admission import LAYOUT, STUBBORN, UNITS, Boot
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.unit_clock import ClockStep, clock_step, stamp_of
 from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window

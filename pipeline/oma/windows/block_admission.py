@@ -16,7 +16,7 @@ the first one's blocks are used, the other's are refused while the first one sen
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,7 +52,13 @@ TOO_MANY_CHANNELS = "too-many-channels"
 TOO_FAST = "sampled-too-fast"
 TOO_LARGE_BLOCK = "block-too-large"
 
-BootKey = tuple[str, int]  # session, starts under its name before
+
+class Boot(NamedTuple):
+    """A start of a unit."""
+
+    session: str
+    number: int
+    """Starts under that session's name before it."""
 
 
 class LimitError(InputError):
@@ -142,14 +148,14 @@ class BlockAdmission:
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()  # blocks, by the reason's code
         self.last_refusal = ""  # what was wrong with the last one that was held or refused
-        self.boot = 0  # starts under the present session's name before this one
         self.conflicts: list[int] = []  # first samples that came with two contents in this boot
         self.sequence_jumps = 0  # block numbers that jumped where samples did not
         self._boots = BoundedDict[str, int](MOST_SESSION_NAMES)  # by session's name
-        self._over: dict[BootKey, BlockMark] = {}  # last block taken of boots before this one
-        self._second: set[BootKey] = set()  # of them, those of a second device
+        self._over: dict[Boot, BlockMark] = {}  # last block taken of boots before this one
+        self._second: set[Boot] = set()  # of them, those of a second device
         self._began_ns = 0  # stamp with which the present boot began
         self._last: BlockMark | None = None
+        self._number = 0  # starts under the present session's name before this one
         self._ended = False  # the end of the present session was announced
         self._held: dict[str, list[AccelerationBlock]] = {}  # by session, in their order
         self._refused_lately = BoundedDict[str, list[AccelerationBlock]](MOST_CANDIDATES)
@@ -161,6 +167,11 @@ class BlockAdmission:
     def session(self) -> str | None:
         """Name of the present session; None before the first block."""
         return None if self._last is None else self._last.session
+
+    @property
+    def boot(self) -> Boot:
+        """The present one."""
+        return Boot(self.session or "", self._number)
 
     def admit(self, block: AccelerationBlock, refusal: QualityWarning | None = None) -> Admission:
         """Take a block as it arrives.
@@ -211,7 +222,7 @@ class BlockAdmission:
     def state(self) -> dict[str, Any]:
         """Return what a restart needs, as JSON can say it."""
         return {
-            "boot": self.boot,
+            "boot": self._number,
             "boots": dict(self._boots),
             "last": None if self._last is None else asdict(self._last),
             "began_ns": self._began_ns,
@@ -220,14 +231,14 @@ class BlockAdmission:
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` gave."""
-        self.boot = int(state["boot"])
+        self._number = int(state["boot"])
         self._boots.update(state["boots"])
         self._last = None if state["last"] is None else BlockMark(**state["last"])
         self._began_ns = int(state.get("began_ns", 0))
         for session, boot, mark, second in state.get("over", ()):
-            self._over[session, boot] = BlockMark(**mark)
+            self._over[Boot(session, boot)] = BlockMark(**mark)
             if second:
-                self._second.add((session, boot))
+                self._second.add(Boot(session, boot))
 
     def begin_after(self, mark: BlockMark) -> None:
         """Expect the block with that mark, or one that follows it."""
@@ -308,7 +319,7 @@ class BlockAdmission:
         of_the_past = self._is_over(held[-1].session) and latest < self._last.end_ns
         return RETURNING if of_the_past and held[0].sequence > 0 else STUBBORN
 
-    def _boot_over(self, block: AccelerationBlock) -> BootKey | None:
+    def _boot_over(self, block: AccelerationBlock) -> Boot | None:
         """Return which boot before this one a block follows, by number and by stamp."""
         following = [
             (abs(since - clock), key)
@@ -383,20 +394,19 @@ class BlockAdmission:
         name, last = blocks[0].session, self._last
         over = self._boot_over(blocks[0])
         if last is not None:
-            present = (last.session, self.boot)
-            self._over[present] = last
+            self._over[self.boot] = last
             if over is not None and blocks[-1].start_ns > self._began_ns:
-                self._second.add(present)
+                self._second.add(self.boot)
         if over is not None:
             mark = self._over.pop(over)
             self._second.discard(over)
-            self.boot = over[1]
+            self._number = over.number
             return Beginning(mark.next_sample, mark.sequence + 1)
         for oldest in list(self._over)[:-MOST_BOOTS_OVER]:
             del self._over[oldest]
             self._second.discard(oldest)
-        self.boot = self._boots.pop(name, -1) + 1
-        self._boots[name] = self.boot
+        self._number = self._boots.pop(name, -1) + 1
+        self._boots[name] = self._number
         if last is None or last.session != name or blocks[0].sequence <= last.sequence:
             return Beginning()
         # another rate or shape within the numbers of one boot
