@@ -1,5 +1,7 @@
 """RunState: each message folded once; summary, status, figures and indicators agree on it."""
 
+from dataclasses import replace
+
 from pipeline.messages import QualityWarning, WindowRejected
 from pipeline.monitoring.status import status_figures
 from pipeline.monitoring.summary import run_figures, turbine_figures
@@ -112,3 +114,11 @@ def test_a_block_that_comes_again_counts_again_unless_it_is_asked_otherwise() ->
             run.fold(block(number))
         counts.append(run.turbine("t1").published)
     assert counts == [3, 2]
+
+
+def test_late_blocks_and_those_of_a_unit_that_starts_again_under_its_name_count() -> None:
+    run = RunState(once=True)
+    again = [replace(block(n), start_ns=block(100 + n).start_ns) for n in (0, 1)]
+    for each in (*map(block, (0, 1, 3, 2, 2)), *again, again[1]):
+        run.fold(each)
+    assert run.published == 6
