@@ -151,17 +151,21 @@ class TurbineIdentification:
             return
         if isinstance(self._session, UnitSession):
             self._refuse_dropped(self._opening.use(item))
-        yield from self._session.push(item)
-        if isinstance(self._session, JoinedSession):
+            yield from self._session.push(item)
+        else:
+            yield from self._session.push(item)
             unit.note_joined(block)
-        if self._session.has_lost_time:
-            unused = self._session.release()
-            yield from self._end_session()
-            for each in unused:
-                if each.unit in self.units.by_name:
-                    yield from self._take(self.units.by_name[each.unit], each)
-            return
+            if self._session.has_lost_time:
+                yield from self._begin_again(self._session.release())
+                return
         yield from self._end_if_complete()
+
+    def _begin_again(self, unused: Sequence[AccelerationBlock]) -> Iterator[Message]:
+        """End the session; begin another one with the blocks that it could not use."""
+        yield from self._end_session()
+        for each in unused:
+            if each.unit in self.units.by_name:
+                yield from self._take(self.units.by_name[each.unit], each)
 
     def _waits(self, block: AccelerationBlock) -> bool:
         """Whether a block of another unit must wait: the layouts that join it with the unit that is

@@ -285,9 +285,6 @@ class UnitSession:
         Of the unit, by their ids.
     """
 
-    has_lost_time = False
-    """Whether the units' stamps have left the clock that they are joined on; one has none."""
-
     def __init__(
         self, first: UnitBlock, layouts: dict[str, SensorLayout], context: WindowContext
     ) -> None:
@@ -331,10 +328,6 @@ class UnitSession:
         """Answer what is left."""
         yield from self._answers(self._order.flush())
         yield from self.windows.finish()
-
-    def release(self) -> list[AccelerationBlock]:
-        """Blocks that what follows may use: none."""
-        return []
 
     def needed(self) -> dict[str, int]:
         """First sample of each unit that is not in an answered window."""
