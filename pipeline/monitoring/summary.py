@@ -94,8 +94,8 @@ def run_figures(
         Whether it joined units that were running: what lies before its first block is not lost.
     """
     measured = run.measured
-    members = {
-        name: turbine_figures(run, name, source=source, wall=wall, live=live)
+    members: dict[str, Json] = {
+        name: {"source": source} | turbine_figures(run, name, wall=wall, live=live)
         for name in (main, *measured)
     }
     first = members[main]
@@ -106,14 +106,11 @@ def run_figures(
     return first | {"turbines": [members[name] for name in sorted(members)]}
 
 
-def turbine_figures(
-    run: RunState, turbine: str, *, source: str, wall: float = 0.0, live: bool = False
-) -> Json:
+def turbine_figures(run: RunState, turbine: str, *, wall: float = 0.0, live: bool = False) -> Json:
     """Return the figures of one turbine of a run: see `run_figures`."""
     state, books = run.reported(turbine), run.books.as_json(turbine)
     figures: Json = with_nulls(
         {
-            "source": source,
             "turbine": state.turbine,
             "duration_s": state.duration,
             "windows": {
