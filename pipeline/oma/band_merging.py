@@ -164,14 +164,7 @@ def _with_spread_over_bands(mode: Mode, others: Sequence[Mode]) -> Mode:
             np.vstack([np.zeros_like(deviations[:1]), deviations]),
             weights=weights,
         )
-    factor = np.hstack([mode.covariance_factor, column])
-    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
-    return replace(
-        mode,
-        covariance_factor=factor,
-        frequency_std=float(frequency_std),
-        damping_ratio_std=float(damping_std),
-    )
+    return mode.with_factor(np.hstack([mode.covariance_factor, column]))
 
 
 def _differences_by_block(mode: Mode, others: Sequence[Mode], row: int) -> FloatArray:
@@ -246,13 +239,7 @@ def _repeated(mode: Mode, other: Mode) -> RefusedMode:
 
 def _covering(mode: Mode, other: Mode) -> Mode:
     """The mode with half its distance from another one added to its std."""
-    column = np.zeros((len(mode.covariance_factor), 1))
-    column[0] = (other.frequency - mode.frequency) / 2
-    return replace(
-        mode,
-        frequency_std=float(np.hypot(mode.frequency_std, column[0, 0])),
-        covariance_factor=np.hstack([mode.covariance_factor, column]),
-    )
+    return mode.with_frequency_spread((other.frequency - mode.frequency) / 2)
 
 
 def harmonic(mode: Mode) -> RefusedMode:

@@ -341,13 +341,7 @@ def _perhaps_merged(mode: Mode, hidden: Sequence[Mode]) -> Mode:
     distances = [each.frequency - mode.frequency for each in hidden if _near(mode, each)]
     if not distances:
         return mode
-    column = np.zeros((len(mode.covariance_factor), 1))
-    column[0] = max(distances, key=abs) / 2
-    return replace(
-        mode,
-        covariance_factor=np.hstack([mode.covariance_factor, column]),
-        frequency_std=float(np.hypot(mode.frequency_std, column[0, 0])),
-    )
+    return mode.with_frequency_spread(max(distances, key=abs) / 2)
 
 
 def _with_gusts(fitted: Mode, pole: Mode) -> Mode:
@@ -356,14 +350,7 @@ def _with_gusts(fitted: Mode, pole: Mode) -> Mode:
     columns = np.zeros((len(fitted.covariance_factor), 2))
     columns[0, 0] = min(POLES_SHARE * pole.frequency_std, fitted.frequency_std)
     columns[1, 1] = min(POLES_SHARE * pole.damping_ratio_std, fitted.damping_ratio_std)
-    factor = np.hstack([fitted.covariance_factor, columns])
-    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
-    return replace(
-        fitted,
-        covariance_factor=factor,
-        frequency_std=float(frequency_std),
-        damping_ratio_std=float(damping_std),
-    )
+    return fitted.with_factor(np.hstack([fitted.covariance_factor, columns]))
 
 
 def _worth_a_fit(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -> bool:

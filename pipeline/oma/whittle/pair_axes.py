@@ -77,16 +77,8 @@ def _with_pole(mode: Mode, poles: Sequence[Mode], duration: float) -> Mode:
     factor[:2, :n_pole] = pole.covariance_factor[:2]
     factor[2:, n_pole:-1] = mode.covariance_factor[2:]
     factor[0, -1] = 0.5 * HALF_A_LINE / duration
-    factor = compact(factor)
-    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
-    return replace(
-        mode,
-        frequency=pole.frequency,
-        frequency_std=float(frequency_std),
-        damping_ratio=pole.damping_ratio,
-        damping_ratio_std=float(damping_std),
-        covariance_factor=factor,
-    )
+    at_pole = replace(mode, frequency=pole.frequency, damping_ratio=pole.damping_ratio)
+    return at_pole.with_factor(compact(factor))
 
 
 def along_axes(

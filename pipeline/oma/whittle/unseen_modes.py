@@ -368,14 +368,8 @@ def hidden_beside(
     found = _believed(hidden_by_first(of_mode, fit), known, spectrum, settings)
     if not found or over_bound(found[0], spectrum) > STANDS_OUT:
         return None
-    return None if any(_shares_resonance(found[0], each) for each in found[1:]) else found[0]
-
-
-def _shares_resonance(mode: Mode, other: Mode) -> bool:
-    """Whether two of nearly one shape lie within each other's resonance."""
-    width = max(mode.damping_ratio * mode.frequency, other.damping_ratio * other.frequency)
-    near = abs(mode.frequency - other.frequency) < NEAR_WIDTHS * width
-    return near and mac(mode, other) > FLANK_SHAPE
+    shared = any(_alike_within(NEAR_WIDTHS, found[0], each) for each in found[1:])
+    return None if shared else found[0]
 
 
 def over_bound(mode: Mode, spectrum: WindowSpectrum) -> float:
@@ -392,14 +386,14 @@ def bandwidth_share(mode: Mode) -> float:
 
 def stands_out(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -> bool:
     """Whether a mode of the lines explains what no other mode's flank does."""
-    flank = any(_flank_of(mode, each) for each in others)
+    flank = any(_alike_within(FLANK_WIDTHS, mode, each) for each in others)
     return not flank and over_bound(mode, spectrum) <= STANDS_OUT
 
 
-def _flank_of(mode: Mode, other: Mode) -> bool:
-    """Whether what is taken for a mode may be the flank of another one."""
+def _alike_within(half_bandwidths: float, mode: Mode, other: Mode) -> bool:
+    """Whether two modes of nearly one shape lie within so many half bandwidths of the wider one."""
     width = max(mode.damping_ratio * mode.frequency, other.damping_ratio * other.frequency)
-    near = abs(mode.frequency - other.frequency) < FLANK_WIDTHS * width
+    near = abs(mode.frequency - other.frequency) < half_bandwidths * width
     return near and mac(mode, other) > FLANK_SHAPE
 
 
