@@ -67,6 +67,10 @@ class Mode:
         """(n_channels,) [-]; zero for the unit component."""
         return np.linalg.norm(self.covariance_factor[2:], axis=1)
 
+    def refused(self, code: str, text: str) -> "RefusedMode":
+        """Return the mode as one that is not reported, and why."""
+        return RefusedMode(self.frequency, self.damping_ratio, code, text)
+
     def with_factor(self, factor: FloatArray) -> "Mode":
         """Return the mode with that covariance factor and the stds of f and ζ that follow."""
         frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)

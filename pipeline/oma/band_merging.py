@@ -228,9 +228,7 @@ def _too_near(mode: Mode, other: Mode, duration: float) -> bool:
 
 
 def _repeated(mode: Mode, other: Mode) -> RefusedMode:
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "explained",
         f"has the shape of the mode at {other.frequency:.4g} Hz and is too near it to be told "
         "apart from it",
@@ -244,9 +242,7 @@ def _covering(mode: Mode, other: Mode) -> Mode:
 
 def harmonic(mode: Mode) -> RefusedMode:
     """What keeps its amplitude as a machine's harmonic does."""
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "harmonic",
         "keeps its amplitude as a machine's harmonic does, not as a mode under random loads",
     )
@@ -255,9 +251,7 @@ def harmonic(mode: Mode) -> RefusedMode:
 def between(mode: Mode, two: Sequence[Mode]) -> RefusedMode:
     """What a band of short lags takes for one mode and one of longer lags resolves as two."""
     below, above = two
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "explained",
         f"explains nothing that the modes at {below.frequency:.4g} and {above.frequency:.4g} Hz do "
         "not, which longer lags resolve",
@@ -266,9 +260,7 @@ def between(mode: Mode, two: Sequence[Mode]) -> RefusedMode:
 
 def unsteady(mode: Mode, least: float) -> RefusedMode:
     """What too few model orders of its only band agree upon."""
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "unstable",
         f"stable in {100 * mode.presence:.0f} % of the model orders of one rate only, "
         f"{100 * least:.0f} % are the least",

@@ -301,9 +301,7 @@ def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list
         poles, key=lambda pole: min(abs(pole.frequency - mode.frequency) for mode in kept)
     )
     return [
-        RefusedMode(
-            pole.frequency,
-            pole.damping_ratio,
+        pole.refused(
             "explained",
             f"explains nothing that the {len(kept)} modes between {group.low:.4g} and "
             f"{group.high:.4g} Hz do not",
@@ -314,20 +312,13 @@ def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list
 
 def _no_peak(mode: Mode) -> RefusedMode:
     """An unresolved mode of the poles whose lines hold none."""
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
-        "explained",
-        "a flat background explains its lines as well",
-    )
+    return mode.refused("explained", "a flat background explains its lines as well")
 
 
 def _not_borne_out(modes: Sequence[Mode], named: Sequence[Mode], group: Group) -> list[RefusedMode]:
     """Modes of the lines that are neither reported nor a pole's."""
     return [
-        RefusedMode(
-            mode.frequency,
-            mode.damping_ratio,
+        mode.refused(
             "uncertain",
             f"lines suggest it and no pole does: its shape is known to {mode.shape_std.max():.2g}, "
             f"its width is {mode.damping_ratio * mode.frequency / group.half_bandwidth:.2g} times "

@@ -288,7 +288,7 @@ def _judged(
         elif (why := why_refused(mode, duration, settings, alone=each.alone)) is None:
             judged.modes.append(_at_least_attainable(mode, duration))
         else:
-            reason = RefusedMode(mode.frequency, mode.damping_ratio, *why)
+            reason = mode.refused(*why)
             judged.refused.append(reason)
             judged.doubtful.append((mode, reason))
             if why[0] == "mixture" and each.n_bands > 1 and bandwidth_share(mode) <= SURE_SHARE:

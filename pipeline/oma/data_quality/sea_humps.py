@@ -94,9 +94,7 @@ def without_sea_humps(
 
 
 def _hump(mode: Mode, evidence: float) -> RefusedMode:
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "sea",
         f"the spectrum of a sea explains its lines better than a resonance does (by {evidence:.2g} "
         "nats): waves, and no mode",

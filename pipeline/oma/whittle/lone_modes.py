@@ -165,7 +165,7 @@ def _unfounded(mode: Mode, around: AroundMode) -> RefusedMode:
     by = "a flat background explains"
     if len(around.modes) > 1:
         by = "its neighbours and a flat background explain"
-    return RefusedMode(mode.frequency, mode.damping_ratio, "explained", f"{by} its lines as well")
+    return mode.refused("explained", f"{by} its lines as well")
 
 
 def _with_hidden(
