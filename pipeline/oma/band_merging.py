@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from pipeline.messages import Mode, RefusedMode
-from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.modal_assurance import mac
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import BandIdentification
 from pipeline.oma.ssi.bands import Band
@@ -185,8 +185,7 @@ def _same(mode: Mode, other: Mode) -> bool:
     joint_std = float(np.hypot(mode.frequency_std, other.frequency_std))
     if abs(mode.frequency - other.frequency) > max(3 * joint_std, 0.005 * other.frequency):
         return False
-    mac = modal_assurance_criterion(mode.shape[None], other.shape[None])[0, 0]
-    return bool(mac >= 0.8)
+    return mac(mode.shape, other.shape) >= 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,7 +223,7 @@ def _too_near(mode: Mode, other: Mode, duration: float) -> bool:
     std = float(np.hypot(mode.frequency_std, other.frequency_std))
     if distance > max(TOO_NEAR_LINES / duration, TOO_NEAR_STDS * std):
         return False
-    return bool(modal_assurance_criterion(mode.shape[None], other.shape[None])[0, 0] > ONE_SHAPE)
+    return mac(mode.shape, other.shape) > ONE_SHAPE
 
 
 def _repeated(mode: Mode, other: Mode) -> RefusedMode:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.messages import Mode, RefusedMode
-from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.modal_assurance import mac
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
@@ -157,7 +157,7 @@ def _is_refined(fitted: Mode, mode: Mode, settings: OmaSettings) -> bool:
     return bool(
         abs(fitted.frequency - mode.frequency)
         <= FARTHEST_PULL * mode.damping_ratio * mode.frequency
-        and modal_assurance_criterion(fitted.shape[None], mode.shape[None])[0, 0] > LEAST_ALIKE
+        and mac(fitted.shape, mode.shape) > LEAST_ALIKE
         and fitted.damping_ratio < settings.maximum_damping
         and fitted.shape_std.max() <= settings.maximum_shape_std
         and fitted.frequency_std < settings.maximum_frequency_std * fitted.frequency
@@ -251,7 +251,7 @@ def _bears_out(mode: Mode, poles: Sequence[Mode]) -> bool:
     return any(
         abs(pole.frequency - mode.frequency)
         < 3 * float(np.hypot(pole.frequency_std, mode.frequency_std))
-        and modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > ALIKE_SHAPES
+        and mac(pole.shape, mode.shape) > ALIKE_SHAPES
         for pole in poles
     )
 
@@ -288,9 +288,7 @@ def _same(pole: Mode, mode: Mode) -> bool:
     near = abs(pole.frequency - mode.frequency) < max(
         3 * joint_std, 0.3 * mode.damping_ratio * mode.frequency
     )
-    return (
-        near and modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > ALIKE_SHAPES
-    )
+    return near and mac(pole.shape, mode.shape) > ALIKE_SHAPES
 
 
 def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list[RefusedMode]:

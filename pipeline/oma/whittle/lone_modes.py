@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.messages import Mode, RefusedMode
+from pipeline.modal_assurance import mac
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.groups import Group, Suspect, band_of, modes_of_group
@@ -34,7 +35,6 @@ from pipeline.oma.whittle.unseen_modes import (
     RESONANCE_WIDTH,
     bandwidth_share,
     hidden_beside,
-    mac,
     over_bound,
     stands_out,
 )
@@ -321,7 +321,7 @@ def _is_of_pole(
         width * spectrum.duration >= RESONANCE_WIDTH
         and fitted.shape_std.max() <= settings.maximum_shape_std
         and abs(fitted.frequency - pole.frequency) <= shift
-        and mac(fitted, pole) > SAME_SHAPE
+        and mac(fitted.shape, pole.shape) > SAME_SHAPE
     )
 
 

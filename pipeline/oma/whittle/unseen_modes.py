@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.messages import Mode
-from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.modal_assurance import mac
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.fit import WhittleFit, modes_of_fit
 from pipeline.oma.whittle.narrow_band import WindowSpectrum, far_reach, peaks_and_flanks
@@ -227,7 +227,7 @@ def _is_flank(peak: UnseenPeak, known: Sequence[KnownPeak]) -> bool:
     return any(
         abs(each.frequency - peak.frequency)
         < 1.5 * peak.half_bandwidth + FLANK_REACH * each.half_bandwidth
-        and modal_assurance_criterion(each.shape[None], peak.shape[None])[0, 0] > FLANK_SHAPE
+        and mac(each.shape, peak.shape) > FLANK_SHAPE
         for each in known
     )
 
@@ -394,9 +394,4 @@ def _alike_within(half_bandwidths: float, mode: Mode, other: Mode) -> bool:
     """Whether two modes of nearly one shape lie within so many half bandwidths of the wider one."""
     width = max(mode.damping_ratio * mode.frequency, other.damping_ratio * other.frequency)
     near = abs(mode.frequency - other.frequency) < half_bandwidths * width
-    return near and mac(mode, other) > FLANK_SHAPE
-
-
-def mac(one: Mode, other: Mode) -> float:
-    """Modal assurance criterion of two modes [-]"""
-    return float(modal_assurance_criterion(one.shape[None], other.shape[None])[0, 0])
+    return near and mac(mode.shape, other.shape) > FLANK_SHAPE
