@@ -53,6 +53,11 @@ class Mode:
     pair_id: str = ""  # two modes that cannot be separated share one id; else ""
 
     @property
+    def half_bandwidth(self) -> float:
+        """ζ f [Hz]"""
+        return self.damping_ratio * self.frequency
+
+    @property
     def unit_component(self) -> int:
         """Index of the shape's component that the normalisation sets to 1."""
         return int(np.argmax(np.abs(self.shape)))

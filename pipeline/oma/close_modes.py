@@ -139,7 +139,7 @@ def beside_flanks(
     """
     result = list(modes)
     for mode in modes:
-        width = mode.damping_ratio * mode.frequency
+        width = mode.half_bandwidth
         if mode.pair_id or mode.n_block_columns or width * spectrum.duration < UNRESOLVED:
             continue
         others = [each for each in result if each is not mode]
@@ -177,10 +177,7 @@ def with_lone_modes(
         (mode, reason)
         for mode, reason in vague_shapes
         if any(reason is each for each in resolved.refused)
-        and _n_directions(
-            spectrum, mode.frequency, mode.frequency, mode.damping_ratio * mode.frequency
-        )
-        <= 1
+        and _n_directions(spectrum, mode.frequency, mode.frequency, mode.half_bandwidth) <= 1
     ]
     return ResolvedModes(
         tuple(sorted([*resolved.modes, *(m for m, _ in lone)], key=lambda each: each.frequency)),
@@ -261,19 +258,18 @@ def _plausible_addition(
 ) -> bool:
     """Whether a mode that no pole bears out may be one: a wide one, of which the window shows the
     resonance, has a shape that is known and a width like its neighbours'."""
-    half_bandwidth = mode.damping_ratio * mode.frequency
-    if half_bandwidth * spectrum.duration < UNRESOLVED:
+    if mode.half_bandwidth * spectrum.duration < UNRESOLVED:
         return True
     return bool(
         mode.shape_std.max() <= settings.maximum_shape_std
-        and half_bandwidth <= MOST_UNLIKE * group.half_bandwidth
+        and mode.half_bandwidth <= MOST_UNLIKE * group.half_bandwidth
     )
 
 
 def _believable(mode: Mode, group: Group) -> bool:
     """Whether a mode may be one of a group that the window resolves: damped as the others, among
     them, its shape known."""
-    likeness = mode.damping_ratio * mode.frequency / group.half_bandwidth
+    likeness = mode.half_bandwidth / group.half_bandwidth
     reach = 2.5 * group.half_bandwidth
     return bool(
         1 / MOST_UNLIKE < likeness < MOST_UNLIKE
@@ -319,7 +315,7 @@ def _not_borne_out(modes: Sequence[Mode], named: Sequence[Mode], group: Group) -
         mode.refused(
             "uncertain",
             f"lines suggest it and no pole does: its shape is known to {mode.shape_std.max():.2g}, "
-            f"its width is {mode.damping_ratio * mode.frequency / group.half_bandwidth:.2g} times "
+            f"its width is {mode.half_bandwidth / group.half_bandwidth:.2g} times "
             "its neighbours'",
         )
         for mode in modes

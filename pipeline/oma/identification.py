@@ -377,7 +377,7 @@ def why_refused(
     """
     relative_std = mode.frequency_std / mode.frequency
     shape_std = float(mode.shape_std.max())
-    resolved = mode.damping_ratio * mode.frequency * duration >= UNRESOLVED
+    resolved = mode.half_bandwidth * duration >= UNRESOLVED
     if resolved and shape_std > settings.maximum_shape_std:
         return "mixture", (
             f"shape known to {shape_std:.2g}, {settings.maximum_shape_std:g} is the most: "

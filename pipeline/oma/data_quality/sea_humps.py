@@ -52,7 +52,7 @@ class WithoutHumps:
 
 def is_candidate(mode: Mode, duration: float) -> bool:
     """Whether a mode is as slow and as wide as a sea's hump. duration: T of the window [s]"""
-    width = mode.damping_ratio * mode.frequency * duration
+    width = mode.half_bandwidth * duration
     return SLOWEST <= mode.frequency <= FASTEST and width >= NARROWEST
 
 

@@ -23,8 +23,8 @@ from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import (
     AroundMode,
     around_mode,
+    bounded_half_bandwidth,
     first_mode,
-    half_bandwidth,
     left_near_first,
 )
 from pipeline.oma.whittle.unseen_modes import (
@@ -157,7 +157,9 @@ def borne_out(
 
 def _is_seen(mode: Mode, spectrum: WindowSpectrum) -> bool:
     """Whether a peak stands so far out of the lines that no fit need say so."""
-    powers = spectrum.powers_over_flank(mode.frequency, mode.frequency, half_bandwidth(mode))
+    powers = spectrum.powers_over_flank(
+        mode.frequency, mode.frequency, bounded_half_bandwidth(mode)
+    )
     return bool(len(powers) and powers[0] > SEEN_OVER_FLANK)
 
 
@@ -197,7 +199,7 @@ def _with_hidden(
 
 def _near(mode: Mode, hidden: Mode) -> bool:
     """Whether the poles of a mode may be those of another one, too."""
-    return abs(mode.frequency - hidden.frequency) < NEAR_WIDTHS * half_bandwidth(mode)
+    return abs(mode.frequency - hidden.frequency) < NEAR_WIDTHS * bounded_half_bandwidth(mode)
 
 
 def _confirmed(
@@ -313,10 +315,10 @@ def _is_of_pole(
     merged: bool = False,
 ) -> bool:
     """Whether a mode of the lines is a resonance, of a shape that is known, and that of a pole."""
-    width = fitted.damping_ratio * fitted.frequency
+    width = fitted.half_bandwidth
     least = (1 - SHARPER**2) * pole.frequency_std**2
     spread = max(pole.frequency_std**2 - fitted.frequency_std**2, least)
-    shift = NEAR_WIDTHS * half_bandwidth(pole) if merged else SHIFTED * np.sqrt(spread)
+    shift = NEAR_WIDTHS * bounded_half_bandwidth(pole) if merged else SHIFTED * np.sqrt(spread)
     return bool(
         width * spectrum.duration >= RESONANCE_WIDTH
         and fitted.shape_std.max() <= settings.maximum_shape_std
@@ -355,7 +357,7 @@ def _with_gusts(fitted: Mode, pole: Mode) -> Mode:
 
 def _worth_a_fit(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -> bool:
     """Whether a mode is known vaguely, and stands alone in a band that a fit can describe."""
-    width = half_bandwidth(mode)
+    width = bounded_half_bandwidth(mode)
     if not _vague(mode, spectrum) or width * spectrum.duration > WIDEST:
         return False
     clear = ALONE_WIDTHS * width + ALONE_LINES / spectrum.duration
@@ -365,7 +367,7 @@ def _worth_a_fit(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -
 
 def _vague(mode: Mode, spectrum: WindowSpectrum) -> bool:
     """Whether a resonance that the lines show is known vaguely."""
-    resolved = half_bandwidth(mode) * spectrum.duration >= NARROWEST
+    resolved = bounded_half_bandwidth(mode) * spectrum.duration >= NARROWEST
     return resolved and over_bound(mode, spectrum) > VAGUE
 
 
@@ -374,10 +376,11 @@ def _all_known(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -> 
     no mode."""
     if not _vague(mode, spectrum):
         return False
-    width = half_bandwidth(mode)
+    width = bounded_half_bandwidth(mode)
     powers = spectrum.powers_over_flank(mode.frequency, mode.frequency, width)
     near = sum(
-        abs(each.frequency - mode.frequency) < NEAR_WIDTHS * max(width, half_bandwidth(each))
+        abs(each.frequency - mode.frequency)
+        < NEAR_WIDTHS * max(width, bounded_half_bandwidth(each))
         for each in others
     )
     return int(np.sum(powers > ANOTHER)) <= 1 + near
@@ -400,4 +403,4 @@ def _flat_beside(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -
 
 
 def _place(mode: Mode) -> Group:
-    return Group(mode.frequency, mode.frequency, half_bandwidth(mode))
+    return Group(mode.frequency, mode.frequency, bounded_half_bandwidth(mode))

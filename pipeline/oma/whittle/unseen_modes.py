@@ -21,8 +21,8 @@ from pipeline.oma.whittle.narrow_band import WindowSpectrum, far_reach, peaks_an
 from pipeline.oma.whittle.neighbours import (
     AroundMode,
     around_mode,
+    bounded_half_bandwidth,
     first_mode,
-    half_bandwidth,
     hidden_by_first,
     left_near_first,
 )
@@ -298,7 +298,7 @@ def _believed(
 
 def _as_wide(mode: Mode, start: Mode) -> bool:
     """Whether the band of what a fit begins with is about that of what it ends with."""
-    ratio = half_bandwidth(mode) / half_bandwidth(start)
+    ratio = bounded_half_bandwidth(mode) / bounded_half_bandwidth(start)
     return 1 / MOST_OFF_WIDTH <= ratio <= MOST_OFF_WIDTH
 
 
@@ -308,7 +308,7 @@ def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode]:
     fit = around.fitted()
     modes = modes_of_fit(fit, around.band)
     mode = modes[0]
-    width = mode.damping_ratio * mode.frequency * around.band.duration
+    width = mode.half_bandwidth * around.band.duration
     known = (
         fit.converged
         and width >= RESONANCE_WIDTH
@@ -324,7 +324,7 @@ def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode]:
 
 def _known_peak(mode: Mode, spectrum: WindowSpectrum) -> KnownPeak:
     scales = spectrum.accelerations(mode.frequency)
-    return KnownPeak(mode.frequency, half_bandwidth(mode), mode.shape / scales)
+    return KnownPeak(mode.frequency, bounded_half_bandwidth(mode), mode.shape / scales)
 
 
 def _at_peak(peak: UnseenPeak, spectrum: WindowSpectrum) -> Mode:
@@ -392,6 +392,6 @@ def stands_out(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -> 
 
 def _alike_within(half_bandwidths: float, mode: Mode, other: Mode) -> bool:
     """Whether two modes of nearly one shape lie within so many half bandwidths of the wider one."""
-    width = max(mode.damping_ratio * mode.frequency, other.damping_ratio * other.frequency)
+    width = max(mode.half_bandwidth, other.half_bandwidth)
     near = abs(mode.frequency - other.frequency) < half_bandwidths * width
     return near and mac(mode.shape, other.shape) > FLANK_SHAPE
