@@ -85,9 +85,8 @@ class AcquisitionUnit:
 
     def note_joined(self, block: AccelerationBlock) -> None:
         """Remember that a session has a block."""
-        end = block.first_sample + len(block.samples)
-        if end > self._reached.first_sample:
-            self._reached = Beginning(end, block.sequence + 1)
+        if block.next_sample > self._reached.first_sample:
+            self._reached = Beginning(block.next_sample, block.sequence + 1)
 
     def note_end(self, end: StreamEnd) -> None:
         """Remember that a session's end was announced."""

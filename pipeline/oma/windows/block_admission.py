@@ -23,7 +23,13 @@ import numpy as np
 from pipeline.messages import QualityWarning
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR
 from pipeline.oma.windows.windowing import Beginning
-from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock, BlockMark
+from sensors.acquisition.blocks import (
+    CLOCK_STEP,
+    AccelerationBlock,
+    BlockMark,
+    Sampled,
+    time_apart,
+)
 from sensors.bounded_dict import BoundedDict
 from sensors.errors import InputError
 from sensors.settings import NO_KEY
@@ -247,9 +253,9 @@ class BlockAdmission:
     def _with_held(self, block: AccelerationBlock) -> tuple[AccelerationBlock, ...]:
         """A block that follows, with those of its session that are held and lie beside it."""
         held = self._held.pop(block.session, [])
-        if held and held[0].first_sample == BlockMark.of(block).next_sample:
+        if held and held[0].first_sample == block.next_sample:
             return (block, *held)
-        beside = bool(held) and BlockMark.of(held[-1]).next_sample == block.first_sample
+        beside = bool(held) and held[-1].next_sample == block.first_sample
         if beside and self._goes_on(held[0]):
             return (*held, block)  # a clock was set, by as much as stamps may be off just now
         self._refuse_all(held)
@@ -265,7 +271,7 @@ class BlockAdmission:
         held = self._held.get(block.session)
         if against is not None or not held:
             return against
-        if _tight(BlockMark.of(held[-1]), block) and not _tight(self._last, block):
+        if _tight(held[-1], block) and not _tight(self._last, block):
             return QualityWarning(UNFIT, "its stamps go on from those of blocks that do not follow")
         return None
 
@@ -326,7 +332,7 @@ class BlockAdmission:
             for key, mark in self._over.items()
             if key[0] == block.session and block.first_sample >= mark.next_sample
             if _tight(mark, block)
-            for since, clock in [_apart(mark, block)]
+            for since, clock in [time_apart(mark, block)]
         ]
         return min(following)[1] if following else None
 
@@ -344,7 +350,7 @@ class BlockAdmission:
         chain: list[AccelerationBlock] = []
         for block in sorted(refused, key=lambda each: -each.first_sample):
             following = (chain or found)[0] if found else None
-            if following is None or BlockMark.of(block).next_sample != following.first_sample:
+            if following is None or block.next_sample != following.first_sample:
                 break
             chain.insert(0, block)
         self.refused.subtract(self._code_of(block) for block in chain)
@@ -455,20 +461,14 @@ def refusal_of(last: BlockMark, block: AccelerationBlock) -> QualityWarning | No
         )
     if block.first_sample == last.next_sample or _tight(last, block):
         return None
-    since, clock = _apart(last, block)
+    since, clock = time_apart(last, block)
     return QualityWarning(
         UNFIT, f"{since:g} s after the last one by its samples, {clock:g} s by its clock"
     )
 
 
-def _apart(last: BlockMark, block: AccelerationBlock) -> tuple[float, float]:
-    """Time between two blocks by samples and by stamps [s]."""
-    since = (block.first_sample - last.first_sample) / last.sampling_rate
-    return since, (block.start_ns - last.start_ns) / NANOSECONDS
-
-
-def _tight(last: BlockMark, block: AccelerationBlock) -> bool:
+def _tight(last: Sampled, block: AccelerationBlock) -> bool:
     """Whether stamps and samples agree on the time between two blocks."""
-    since, clock = _apart(last, block)
+    since, clock = time_apart(last, block)
     few = max(abs(since), abs(clock)) * last.sampling_rate <= MOST_SKIPPED
     return few and abs(clock - since) <= CLOCK_STEP + CLOCK_ERROR * abs(since)

@@ -76,6 +76,7 @@ class BlockOrder:
         self._beginning = beginning
         self._waiting: dict[int, AccelerationBlock] = {}  # by first_sample
         self._last: AccelerationBlock | None = None
+        self._next_sample = beginning.first_sample
         self.unused: Counter[str] = Counter() if unused is None else unused
 
     def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock | MissingSamples]:
@@ -93,12 +94,6 @@ class BlockOrder:
         """Nothing more will come: give what still waits, with its gaps."""
         yield from self._released(give_up=True)
 
-    @property
-    def _next_sample(self) -> int:
-        if self._last is None:
-            return self._beginning.first_sample
-        return self._last.first_sample + len(self._last.samples)
-
     def _count_unusable(self, block: AccelerationBlock) -> None:
         seen = block.first_sample < self._beginning.first_sample  # before a restart
         again = seen or (self._last is not None and block.sequence == self._last.sequence)
@@ -114,6 +109,7 @@ class BlockOrder:
                     return
                 yield self._missing_before(following)
             self._last = self._waiting.pop(following.first_sample)
+            self._next_sample = self._last.next_sample
             yield self._last
 
     def _missing_before(self, block: AccelerationBlock) -> MissingSamples:
@@ -193,7 +189,7 @@ class WindowCutter:
         self._newest = piece
         self._skip_to(piece.first_sample)
         self._pieces.append(_Piece(piece.first_sample, piece.start_ns, piece.samples, piece.status))
-        self._reached = piece.first_sample + len(piece.samples)
+        self._reached = self._pieces[-1].end
         while self._reached >= self._bounds(self._index)[1] and self._reached >= self._end():
             yield self._cut(complete=True)
 
