@@ -16,7 +16,7 @@ from pathlib import Path
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.node import Node, Plan
 from pipeline.nodes.updating import UpdatingNode
-from pipeline.oma.ssi.covariance import references_among
+from pipeline.oma.ssi.ssi_cov import references_among
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Metadata
 from pipeline.runtime.snapshots import SnapshotFolder, recorded_past

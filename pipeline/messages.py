@@ -53,6 +53,11 @@ class Mode:
     pair_id: str = ""  # two modes that cannot be separated share one id; else ""
 
     @property
+    def half_bandwidth(self) -> float:
+        """ζ f [Hz]"""
+        return self.damping_ratio * self.frequency
+
+    @property
     def unit_component(self) -> int:
         """Index of the shape's component that the normalisation sets to 1."""
         return int(np.argmax(np.abs(self.shape)))
@@ -66,6 +71,30 @@ class Mode:
     def shape_std(self) -> FloatArray:
         """(n_channels,) [-]; zero for the unit component."""
         return np.linalg.norm(self.covariance_factor[2:], axis=1)
+
+    def refused(self, code: str, text: str) -> "RefusedMode":
+        """Return the mode as one that is not reported, and why."""
+        return RefusedMode(self.frequency, self.damping_ratio, code, text)
+
+    def with_factor(self, factor: FloatArray) -> "Mode":
+        """Return the mode with that covariance factor and the stds of f and ζ that follow."""
+        frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
+        return replace(
+            self,
+            covariance_factor=factor,
+            frequency_std=float(frequency_std),
+            damping_ratio_std=float(damping_std),
+        )
+
+    def with_frequency_spread(self, spread: float) -> "Mode":
+        """Return the mode with one more column of its factor: a spread of its frequency [Hz]."""
+        column = np.zeros((len(self.covariance_factor), 1))
+        column[0] = spread
+        return replace(
+            self,
+            covariance_factor=np.hstack([self.covariance_factor, column]),
+            frequency_std=float(np.hypot(self.frequency_std, spread)),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,6 +40,11 @@ def modal_assurance_criterion(shapes_1: Shapes, shapes_2: Shapes) -> FloatArray:
     return np.divide(products, norms, out=np.zeros_like(products), where=norms > 0)
 
 
+def mac(shape: Shapes, other: Shapes) -> float:
+    """MAC of two shapes, (n_channels,) each: see `modal_assurance_criterion`."""
+    return float(modal_assurance_criterion(shape[None], other[None])[0, 0])
+
+
 def complex_normalised(shape: Shapes) -> FloatArray:
     """Real shape whose largest component is exactly 1.
 

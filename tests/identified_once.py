@@ -23,8 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.nodes import window_identification
-from pipeline.oma import identification
+from pipeline.oma import identification, window_identification
 from pipeline.updating.structural import inference
 
 STEPS = {  # functions of arrays and settings alone, where they are called: a window, its dear parts

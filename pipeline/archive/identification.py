@@ -151,7 +151,7 @@ def _wanted(
     for piece in pieces:
         if (block.turbine, block.unit, block.session) == (turbine, piece.unit, piece.session):
             first = max(block.first_sample, piece.first_sample)
-            end = min(block.first_sample + len(block.samples), piece.end_sample)
+            end = min(block.next_sample, piece.end_sample)
             if first < end:
                 yield _cut(block, first, end, piece)
 

@@ -76,7 +76,7 @@ def identify(
     from pipeline.offline.identify_file import identify_file
     from pipeline.oma.settings import OmaSettings
     from pipeline.sources.session_files import one_recording
-    from pipeline.state.run_modes import combined_modes
+    from pipeline.state.run_modes import CombinedTracks
     from sensors.files.layout_file import load_layout
     from sensors.files.table import TimeColumn
 
@@ -97,7 +97,7 @@ def identify(
         )
     if plot is not None:
         _draw(found, file, plot)
-    modes = combined_modes(found.estimates)
+    modes = CombinedTracks(found.estimates).modes()
     if not modes and not as_json:
         if why and found.candidates:
             output.print(refused_table(found.candidates))

@@ -68,10 +68,6 @@ class SessionSummary(Sink):
         self.run.fold(message)
         return ()
 
-    def count(self, block: AccelerationBlock) -> None:
-        """Take note of a block that the source publishes."""
-        self.run.fold(block)
-
     def as_json(self, wall: float) -> Json:
         """Return the content of `summary.json`; wall: how long the session took [s]."""
         return run_figures(
@@ -97,67 +93,48 @@ def run_figures(
     live : bool, optional
         Whether it joined units that were running: what lies before its first block is not lost.
     """
-
-    def figures(turbine: TurbineState, published: int, books: Json) -> Json:
-        return _figures(
-            turbine, source=source, wall=wall, live=live, published=published, books=books
-        )
-
-    first = run.reported(main)
-    answer = figures(first, run.published, run.books.as_json())
-    if len(run.measured) > 1:
-        others = {
-            name: figures(each, each.published, run.books.as_json(name))
-            for name, each in run.measured.items()
-            if name != main
-        }
-        members = {main: dict(answer), **others}
-        answer["turbines"] = [members[name] for name in sorted(members)]
-    with_null: Json = with_nulls(answer)
-    return with_null
+    measured = run.measured
+    members: dict[str, Json] = {
+        name: {"source": source} | turbine_figures(run, name, wall=wall, live=live)
+        for name in (main, *measured)
+    }
+    first = members[main]
+    first["stream"] = stream_figures(run.reported(main), published=run.published, live=live)
+    first["books"] = run.books.as_json()
+    if len(measured) < 2:
+        return first
+    return first | {"turbines": [members[name] for name in sorted(members)]}
 
 
-def turbine_figures(run: RunState, turbine: str, *, source: str) -> Json:
-    """Return the figures of one turbine of a recorded run."""
-    state = run.reported(turbine)
+def turbine_figures(run: RunState, turbine: str, *, wall: float = 0.0, live: bool = False) -> Json:
+    """Return the figures of one turbine of a run: see `run_figures`."""
+    state, books = run.reported(turbine), run.books.as_json(turbine)
     figures: Json = with_nulls(
-        _figures(
-            state,
-            source=source,
-            wall=0.0,
-            live=False,
-            published=state.published,
-            books=run.books.as_json(turbine),
-        )
+        {
+            "turbine": state.turbine,
+            "duration_s": state.duration,
+            "windows": {
+                "identified": len(state.estimates) + state.gone["windows"],
+                "rejected": [
+                    _rejection(state, each)
+                    for each in _in_its_time(state, state.rejected, live=live)
+                ],
+            },
+            "modes": [mode.as_json() for mode in state.modes],
+            "posterior": _posterior(state),
+            "events": [_event(state, each) for each in state.events],
+            "warnings": _warnings(state, books),
+            "stream": stream_figures(state, published=state.published, live=live),
+            "books": books,
+            "timing": {
+                "wall_s": wall,
+                "realtime_factor": state.duration / wall if wall > 0 else None,
+                "identify_s_per_window": _busy(state, "identification"),
+                "update_s_per_window": _busy(state, "updating"),
+            },
+        }
     )
     return figures
-
-
-def _figures(
-    state: TurbineState, *, source: str, wall: float, live: bool, published: int, books: Json
-) -> Json:
-    rejected = _in_its_time(state, state.rejected, live=live)
-    return {
-        "source": source,
-        "turbine": state.turbine,
-        "duration_s": state.duration,
-        "windows": {
-            "identified": len(state.estimates) + state.gone["windows"],
-            "rejected": [_rejection(state, each) for each in rejected],
-        },
-        "modes": [mode.as_json() for mode in state.modes],
-        "posterior": _posterior(state),
-        "events": [_event(state, each) for each in state.events],
-        "warnings": _warnings(state, books),
-        "stream": stream_figures(state, published=published, live=live),
-        "books": books,
-        "timing": {
-            "wall_s": wall,
-            "realtime_factor": state.duration / wall if wall > 0 else None,
-            "identify_s_per_window": _busy(state, "identification"),
-            "update_s_per_window": _busy(state, "updating"),
-        },
-    }
 
 
 def _warnings(state: TurbineState, books: Json) -> list[Json]:

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Generic, Protocol, TypeVar
 
 from pipeline.messages import Message, QualityWarning
-from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics, TurbineNode
+from pipeline.oma.windows.block_admission import LimitSettings
 
 logger = logging.getLogger(__name__)
 

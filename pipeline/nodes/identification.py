@@ -1,7 +1,7 @@
 """Identification: acceleration blocks in, one modal estimate a window out.
 
 block ─► which blocks are used ─► a session of the turbine's units ─► windows ─► answers
-         `units/block_admission`  `units/acquisition_units`, `joined_session`    `_in_context`
+         `BlockAdmission`         `units/acquisition_units`, `joined_session`    `_in_context`
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,13 +17,6 @@ from pipeline.messages import (
     without_covariances,
 )
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore, too_many
-from pipeline.nodes.limits import (
-    DEFAULT_LIMITS,
-    CpuClock,
-    CpuLimit,
-    LimitSettings,
-    window_refusal,
-)
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import OperationLog
 from pipeline.nodes.units.acquisition_units import (
@@ -33,12 +26,19 @@ from pipeline.nodes.units.acquisition_units import (
     UnitBlock,
     UnitSession,
 )
-from pipeline.nodes.units.block_admission import NO_LAYOUT, Admission
 from pipeline.nodes.units.joined_session import SILENT, IdentifiedSession, JoinedSession
 from pipeline.nodes.units.resuming import IdentificationState, needed_messages
-from pipeline.nodes.window_identification import WindowContext
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import DIES_AFTER, ChannelSwapMonitor
+from pipeline.oma.window_identification import WindowContext
+from pipeline.oma.windows.block_admission import (
+    DEFAULT_LIMITS,
+    NO_LAYOUT,
+    Admission,
+    LimitSettings,
+    window_refusal,
+)
+from pipeline.oma.work_limit import CpuClock, CpuLimit
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
@@ -87,7 +87,6 @@ class TurbineIdentification:
         cpu = None if clock is None else CpuLimit(limits.cpu_seconds, clock)
         self._context = WindowContext(settings, self._log.rotor_speed, cpu)
         self._channels = ChannelSwapMonitor()
-        self._of_the_past = NodeStatistics()  # of sessions that are over
         self._answers: tuple[WindowAnswer, ...] = ()  # the latest
         self._opening = OpeningBlocks()
         self._resumable: IdentificationState | None = None  # of an identification that has ended
@@ -152,17 +151,21 @@ class TurbineIdentification:
             return
         if isinstance(self._session, UnitSession):
             self._refuse_dropped(self._opening.use(item))
-        yield from self._session.push(item)
-        if isinstance(self._session, JoinedSession):
+            yield from self._session.push(item)
+        else:
+            yield from self._session.push(item)
             unit.note_joined(block)
-        if self._session.has_lost_time:
-            unused = self._session.release()
-            yield from self._end_session()
-            for each in unused:
-                if each.unit in self.units.by_name:
-                    yield from self._take(self.units.by_name[each.unit], each)
-            return
+            if self._session.has_lost_time:
+                yield from self._begin_again(self._session.release())
+                return
         yield from self._end_if_complete()
+
+    def _begin_again(self, unused: Sequence[AccelerationBlock]) -> Iterator[Message]:
+        """End the session; begin another one with the blocks that it could not use."""
+        yield from self._end_session()
+        for each in unused:
+            if each.unit in self.units.by_name:
+                yield from self._take(self.units.by_name[each.unit], each)
 
     def _waits(self, block: AccelerationBlock) -> bool:
         """Whether a block of another unit must wait: the layouts that join it with the unit that is
@@ -192,7 +195,7 @@ class TurbineIdentification:
         self._session = self._new_session(unit, (*of_boot, item)[0])
         joins = isinstance(self._session, JoinedSession) and isinstance(before, UnitSession)
         if before is not None and not (joins and whole):
-            yield from self._finished(before)
+            yield from before.finish()
         for each in waiting:
             known = self.units.by_name.get(each.block.unit)
             fits = self._session.goes_on_with(each)
@@ -204,7 +207,12 @@ class TurbineIdentification:
 
     def _new_session(self, unit: AcquisitionUnit, first: UnitBlock) -> IdentifiedSession:
         """Return the session that begins with a block, or goes on with it after a restart."""
-        session = self._session_for(first)
+        layouts = self._layouts_to_join(first.block)
+        session: IdentifiedSession = (
+            JoinedSession(layouts, self._context)
+            if len(layouts) > 1
+            else UnitSession(first, unit.layouts, self._context)
+        )
         resumable, self._resumable = self._resumable, None
         if resumable is not None and resumable.boots.get(first.block.unit) == unit.boot:
             resumable.resume(session)
@@ -218,12 +226,6 @@ class TurbineIdentification:
         """The latest layout of every unit, by their names; none where the block's is not known."""
         layouts = self.units.latest_layouts
         return [layouts[name] for name in sorted(layouts)] if block.unit in layouts else []
-
-    def _session_for(self, first: UnitBlock) -> IdentifiedSession:
-        layouts = self._layouts_to_join(first.block)
-        if len(layouts) > 1:
-            return JoinedSession(layouts, self._context)
-        return UnitSession(first, self.units.layouts, self._context)
 
     def _ended(self, unit: AcquisitionUnit, end: StreamEnd) -> Iterator[Message]:
         unit.note_end(end)
@@ -257,12 +259,7 @@ class TurbineIdentification:
         for each in self._opening.taken():
             if not each.used:
                 self._refuse_dropped(each)
-        yield from self._finished(session)
-
-    def _finished(self, session: IdentifiedSession) -> Iterator[Message]:
-        """Yield what a session still has to say; its blocks stay counted."""
         yield from session.finish()
-        self._of_the_past += NodeStatistics(late=session.late, duplicate=session.duplicate)
 
     def _in_context(self, answer: Message) -> Message:
         """An estimate with its window's conditions and warnings, or why it is none; other answers
@@ -284,10 +281,10 @@ class TurbineIdentification:
     @property
     def statistics(self) -> NodeStatistics:
         """Blocks that were not used, and why."""
-        counts = self._of_the_past + self.units.statistics
-        if self._session is None:
-            return counts
-        return counts + NodeStatistics(late=self._session.late, duplicate=self._session.duplicate)
+        unused = self._context.unused
+        return self.units.statistics + NodeStatistics(
+            late=unused["late"], duplicate=unused["duplicate"]
+        )
 
     def snapshot(self) -> NodeSnapshot:
         """The numbers that windows go by; samples are read again from where they are kept."""

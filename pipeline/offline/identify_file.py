@@ -19,7 +19,7 @@ from pipeline.oma.data_quality.guessed_quantities import guessed_quantities
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.tracking import ModeTracker
-from pipeline.state.repeated_warnings import without_repeats
+from pipeline.state.repeated_warnings import DistinctWarnings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
@@ -109,7 +109,7 @@ def warnings_of(
     """Return every warning of the windows once, then why windows were rejected."""
     found = [each for estimate in estimates for each in estimate.warnings]
     found += [QualityWarning(each.code, each.reason) for each in rejected]
-    return tuple(without_repeats(found))
+    return tuple(DistinctWarnings(found))
 
 
 def identify_file(

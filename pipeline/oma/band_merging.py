@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from pipeline.messages import Mode, RefusedMode
-from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.modal_assurance import mac
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.band_identification import BandIdentification
 from pipeline.oma.ssi.bands import Band
@@ -164,14 +164,7 @@ def _with_spread_over_bands(mode: Mode, others: Sequence[Mode]) -> Mode:
             np.vstack([np.zeros_like(deviations[:1]), deviations]),
             weights=weights,
         )
-    factor = np.hstack([mode.covariance_factor, column])
-    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
-    return replace(
-        mode,
-        covariance_factor=factor,
-        frequency_std=float(frequency_std),
-        damping_ratio_std=float(damping_std),
-    )
+    return mode.with_factor(np.hstack([mode.covariance_factor, column]))
 
 
 def _differences_by_block(mode: Mode, others: Sequence[Mode], row: int) -> FloatArray:
@@ -192,8 +185,7 @@ def _same(mode: Mode, other: Mode) -> bool:
     joint_std = float(np.hypot(mode.frequency_std, other.frequency_std))
     if abs(mode.frequency - other.frequency) > max(3 * joint_std, 0.005 * other.frequency):
         return False
-    mac = modal_assurance_criterion(mode.shape[None], other.shape[None])[0, 0]
-    return bool(mac >= 0.8)
+    return mac(mode.shape, other.shape) >= 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,13 +223,11 @@ def _too_near(mode: Mode, other: Mode, duration: float) -> bool:
     std = float(np.hypot(mode.frequency_std, other.frequency_std))
     if distance > max(TOO_NEAR_LINES / duration, TOO_NEAR_STDS * std):
         return False
-    return bool(modal_assurance_criterion(mode.shape[None], other.shape[None])[0, 0] > ONE_SHAPE)
+    return mac(mode.shape, other.shape) > ONE_SHAPE
 
 
 def _repeated(mode: Mode, other: Mode) -> RefusedMode:
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "explained",
         f"has the shape of the mode at {other.frequency:.4g} Hz and is too near it to be told "
         "apart from it",
@@ -246,20 +236,12 @@ def _repeated(mode: Mode, other: Mode) -> RefusedMode:
 
 def _covering(mode: Mode, other: Mode) -> Mode:
     """The mode with half its distance from another one added to its std."""
-    column = np.zeros((len(mode.covariance_factor), 1))
-    column[0] = (other.frequency - mode.frequency) / 2
-    return replace(
-        mode,
-        frequency_std=float(np.hypot(mode.frequency_std, column[0, 0])),
-        covariance_factor=np.hstack([mode.covariance_factor, column]),
-    )
+    return mode.with_frequency_spread((other.frequency - mode.frequency) / 2)
 
 
 def harmonic(mode: Mode) -> RefusedMode:
     """What keeps its amplitude as a machine's harmonic does."""
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "harmonic",
         "keeps its amplitude as a machine's harmonic does, not as a mode under random loads",
     )
@@ -268,9 +250,7 @@ def harmonic(mode: Mode) -> RefusedMode:
 def between(mode: Mode, two: Sequence[Mode]) -> RefusedMode:
     """What a band of short lags takes for one mode and one of longer lags resolves as two."""
     below, above = two
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "explained",
         f"explains nothing that the modes at {below.frequency:.4g} and {above.frequency:.4g} Hz do "
         "not, which longer lags resolve",
@@ -279,9 +259,7 @@ def between(mode: Mode, two: Sequence[Mode]) -> RefusedMode:
 
 def unsteady(mode: Mode, least: float) -> RefusedMode:
     """What too few model orders of its only band agree upon."""
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "unstable",
         f"stable in {100 * mode.presence:.0f} % of the model orders of one rate only, "
         f"{100 * least:.0f} % are the least",

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.messages import Mode, RefusedMode
-from pipeline.modal_assurance import modal_assurance_criterion
+from pipeline.modal_assurance import mac
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import around_mode, first_mode
 from pipeline.oma.whittle.pair_axes import with_leading_pole
-from pipeline.oma.whittle.spectral_peaks import PEAK_HALF_WIDTH, lone_peaks, peaks_of_two
+from pipeline.oma.whittle.unseen_modes import PEAK_HALF_WIDTH, lone_peaks, peaks_of_two
 
 UNRESOLVED = 3.0  # ζ f T below which the window does not resolve the mode's own resonance [-]
 HIDDEN = 4.0  # second power over flank of a mode that hides another: of 30 single modes none had
@@ -139,7 +139,7 @@ def beside_flanks(
     """
     result = list(modes)
     for mode in modes:
-        width = mode.damping_ratio * mode.frequency
+        width = mode.half_bandwidth
         if mode.pair_id or mode.n_block_columns or width * spectrum.duration < UNRESOLVED:
             continue
         others = [each for each in result if each is not mode]
@@ -157,7 +157,7 @@ def _is_refined(fitted: Mode, mode: Mode, settings: OmaSettings) -> bool:
     return bool(
         abs(fitted.frequency - mode.frequency)
         <= FARTHEST_PULL * mode.damping_ratio * mode.frequency
-        and modal_assurance_criterion(fitted.shape[None], mode.shape[None])[0, 0] > LEAST_ALIKE
+        and mac(fitted.shape, mode.shape) > LEAST_ALIKE
         and fitted.damping_ratio < settings.maximum_damping
         and fitted.shape_std.max() <= settings.maximum_shape_std
         and fitted.frequency_std < settings.maximum_frequency_std * fitted.frequency
@@ -177,10 +177,7 @@ def with_lone_modes(
         (mode, reason)
         for mode, reason in vague_shapes
         if any(reason is each for each in resolved.refused)
-        and _n_directions(
-            spectrum, mode.frequency, mode.frequency, mode.damping_ratio * mode.frequency
-        )
-        <= 1
+        and _n_directions(spectrum, mode.frequency, mode.frequency, mode.half_bandwidth) <= 1
     ]
     return ResolvedModes(
         tuple(sorted([*resolved.modes, *(m for m, _ in lone)], key=lambda each: each.frequency)),
@@ -251,7 +248,7 @@ def _bears_out(mode: Mode, poles: Sequence[Mode]) -> bool:
     return any(
         abs(pole.frequency - mode.frequency)
         < 3 * float(np.hypot(pole.frequency_std, mode.frequency_std))
-        and modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > ALIKE_SHAPES
+        and mac(pole.shape, mode.shape) > ALIKE_SHAPES
         for pole in poles
     )
 
@@ -261,19 +258,18 @@ def _plausible_addition(
 ) -> bool:
     """Whether a mode that no pole bears out may be one: a wide one, of which the window shows the
     resonance, has a shape that is known and a width like its neighbours'."""
-    half_bandwidth = mode.damping_ratio * mode.frequency
-    if half_bandwidth * spectrum.duration < UNRESOLVED:
+    if mode.half_bandwidth * spectrum.duration < UNRESOLVED:
         return True
     return bool(
         mode.shape_std.max() <= settings.maximum_shape_std
-        and half_bandwidth <= MOST_UNLIKE * group.half_bandwidth
+        and mode.half_bandwidth <= MOST_UNLIKE * group.half_bandwidth
     )
 
 
 def _believable(mode: Mode, group: Group) -> bool:
     """Whether a mode may be one of a group that the window resolves: damped as the others, among
     them, its shape known."""
-    likeness = mode.damping_ratio * mode.frequency / group.half_bandwidth
+    likeness = mode.half_bandwidth / group.half_bandwidth
     reach = 2.5 * group.half_bandwidth
     return bool(
         1 / MOST_UNLIKE < likeness < MOST_UNLIKE
@@ -288,9 +284,7 @@ def _same(pole: Mode, mode: Mode) -> bool:
     near = abs(pole.frequency - mode.frequency) < max(
         3 * joint_std, 0.3 * mode.damping_ratio * mode.frequency
     )
-    return (
-        near and modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > ALIKE_SHAPES
-    )
+    return near and mac(pole.shape, mode.shape) > ALIKE_SHAPES
 
 
 def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list[RefusedMode]:
@@ -301,9 +295,7 @@ def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list
         poles, key=lambda pole: min(abs(pole.frequency - mode.frequency) for mode in kept)
     )
     return [
-        RefusedMode(
-            pole.frequency,
-            pole.damping_ratio,
+        pole.refused(
             "explained",
             f"explains nothing that the {len(kept)} modes between {group.low:.4g} and "
             f"{group.high:.4g} Hz do not",
@@ -314,23 +306,16 @@ def _left_out(poles: Sequence[Mode], kept: Sequence[Mode], group: Group) -> list
 
 def _no_peak(mode: Mode) -> RefusedMode:
     """An unresolved mode of the poles whose lines hold none."""
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
-        "explained",
-        "a flat background explains its lines as well",
-    )
+    return mode.refused("explained", "a flat background explains its lines as well")
 
 
 def _not_borne_out(modes: Sequence[Mode], named: Sequence[Mode], group: Group) -> list[RefusedMode]:
     """Modes of the lines that are neither reported nor a pole's."""
     return [
-        RefusedMode(
-            mode.frequency,
-            mode.damping_ratio,
+        mode.refused(
             "uncertain",
             f"lines suggest it and no pole does: its shape is known to {mode.shape_std.max():.2g}, "
-            f"its width is {mode.damping_ratio * mode.frequency / group.half_bandwidth:.2g} times "
+            f"its width is {mode.half_bandwidth / group.half_bandwidth:.2g} times "
             "its neighbours'",
         )
         for mode in modes

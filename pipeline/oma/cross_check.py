@@ -118,7 +118,7 @@ def disagreements(
 def _of_mode(
     mode: Mode, place: int, frequencies: FloatArray, lines: ComplexArray, duration: float
 ) -> CrossCheck | None:
-    half_width = mode.damping_ratio * mode.frequency * duration
+    half_width = mode.half_bandwidth * duration
     if half_width < LEAST_HALF_WIDTH:
         return None
     low, high = _stretch(place, frequencies, half_width, duration)

@@ -37,12 +37,11 @@ from pipeline.oma.ssi.band_identification import (
 )
 from pipeline.oma.ssi.bands import Band, plan_bands
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
-from pipeline.oma.ssi.covariance import References, references_among, with_bounded_references
+from pipeline.oma.ssi.ssi_cov import References, references_among, with_bounded_references
 from pipeline.oma.ssi.stabilization import PoleCloud, integrations_of
 from pipeline.oma.whittle.lone_modes import Sharpened, borne_out, sharpened
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
-from pipeline.oma.whittle.spectral_peaks import LOWEST_PEAK
-from pipeline.oma.whittle.unseen_modes import bandwidth_share, with_unseen
+from pipeline.oma.whittle.unseen_modes import LOWEST_PEAK, bandwidth_share, with_unseen
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
@@ -289,7 +288,7 @@ def _judged(
         elif (why := why_refused(mode, duration, settings, alone=each.alone)) is None:
             judged.modes.append(_at_least_attainable(mode, duration))
         else:
-            reason = RefusedMode(mode.frequency, mode.damping_ratio, *why)
+            reason = mode.refused(*why)
             judged.refused.append(reason)
             judged.doubtful.append((mode, reason))
             if why[0] == "mixture" and each.n_bands > 1 and bandwidth_share(mode) <= SURE_SHARE:
@@ -378,7 +377,7 @@ def why_refused(
     """
     relative_std = mode.frequency_std / mode.frequency
     shape_std = float(mode.shape_std.max())
-    resolved = mode.damping_ratio * mode.frequency * duration >= UNRESOLVED
+    resolved = mode.half_bandwidth * duration >= UNRESOLVED
     if resolved and shape_std > settings.maximum_shape_std:
         return "mixture", (
             f"shape known to {shape_std:.2g}, {settings.maximum_shape_std:g} is the most: "

@@ -138,14 +138,13 @@ def _kaiser_beta(attenuation: float) -> float:
     return 0.1102 * (attenuation - 8.7)
 
 
-def decimated(samples: FloatArray, decimation: int, *, high_passed: bool = False) -> FloatArray:
-    """Every q-th sample after the anti-alias filter, and, where asked for, the high pass; where
-    the filters are wholly filled.
+def decimated(samples: FloatArray, decimation: int) -> FloatArray:
+    """Every q-th sample after the anti-alias filter, where that is wholly filled.
 
     samples   (n, n_channels)
     returns   (n_decimated(n, q), n_channels), empty for a short record
     """
-    if n_decimated(len(samples), decimation, high_passed=high_passed) <= 0:
+    if n_decimated(len(samples), decimation) <= 0:
         return samples[:0]
     if decimation > 1:
         taps = anti_alias_taps(decimation)
@@ -153,7 +152,7 @@ def decimated(samples: FloatArray, decimation: int, *, high_passed: bool = False
         begin = first * decimation - (len(taps) - 1)
         windows = sliding_window_view(samples[begin:], len(taps), axis=0)[::decimation]
         samples = windows @ taps  # which are symmetric
-    return above(samples) if high_passed else np.asarray(samples)
+    return np.asarray(samples)
 
 
 def above(samples: FloatArray) -> FloatArray:
@@ -168,12 +167,10 @@ def above(samples: FloatArray) -> FloatArray:
     return np.asarray(fft.irfft(product, length, axis=0)[n_taps - 1 : n])
 
 
-def n_decimated(n_samples: int, decimation: int, *, high_passed: bool = False) -> int:
-    """How many outputs n samples give: (n − 1) // q − ⌈(n_taps − 1) / q⌉ + 1, less the high pass's
-    n_taps − 1; 0 for too few."""
+def n_decimated(n_samples: int, decimation: int) -> int:
+    """How many outputs n samples give: (n − 1) // q − ⌈(n_taps − 1) / q⌉ + 1; 0 for too few."""
     first = -(-(len(anti_alias_taps(decimation)) - 1) // decimation)
-    lost = len(high_pass_taps()) - 1 if high_passed else 0
-    return max(0, (n_samples - 1) // decimation - first + 1 - lost)
+    return max(0, (n_samples - 1) // decimation - first + 1)
 
 
 def lines_of_channels(

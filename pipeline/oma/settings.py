@@ -28,7 +28,7 @@ class OmaSettings:
     lateness: float = 5.0  # how long an out-of-order block is waited for, in sensor time [s]
     lowest_frequency: float | None = None  # of the modes sought [Hz]; None: what the bands reach
     highest_frequency: float | None = None  # [Hz]; None: 0.45 × the sampling rate
-    reference_channels: tuple[str, ...] | None = None  # names; None: all (see `ssi/covariance.py`)
+    reference_channels: tuple[str, ...] | None = None  # names; None: all (see `ssi/ssi_cov.py`)
     n_blocks: int = field(default=40, metadata=NO_KEY)
     """Time blocks for the uncertainty; std scatters by 1/sqrt(2(n_blocks − 1))."""
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR
 from pipeline.recording.info import UnitInfo
-from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS
+from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, time_apart
 
 _PART = re.compile(r"\.part(\d+)$")  # as `rotation.part_of` names the parts of one recording
 
@@ -78,21 +78,15 @@ def logical_starts(stretches: Sequence[Stretch]) -> list[int]:
 
 def agree(before: Stretch, after: Stretch) -> bool:
     """Whether stamps and counts of two stretches of a session have the same time between them."""
-    counted, stamped = _apart(before, after)
+    counted, stamped = time_apart(before, after)
     return abs(stamped - counted) <= CLOCK_STEP + CLOCK_ERROR * abs(counted)
-
-
-def _apart(before: Stretch, after: Stretch) -> tuple[float, float]:
-    """Time between the first samples by count and by stamps [s]."""
-    counted = (after.first_sample - before.first_sample) / before.sampling_rate
-    return counted, (after.start_ns - before.start_ns) / NANOSECONDS
 
 
 def _since(before: Stretch, after: Stretch) -> int:
     """Time between the first samples of two stretches of a boot [ns]."""
     if agree(before, after):
         return after.start_ns - before.start_ns
-    return round(_apart(before, after)[0] * NANOSECONDS)
+    return round(time_apart(before, after)[0] * NANOSECONDS)
 
 
 def _boots(stretches: Sequence[Stretch]) -> list[list[int]]:

@@ -175,9 +175,10 @@ class _Tally:
     def _add_block(self, block: AccelerationBlock) -> None:
         session = (block.turbine, block.unit, block.session)
         self.sessions.setdefault(session, block)
-        next_sample = block.first_sample + len(block.samples)
         self.spans[session].append(
-            _Span(block.sequence, block.first_sample, next_sample, block.start_ns, block.end_ns)
+            _Span(
+                block.sequence, block.first_sample, block.next_sample, block.start_ns, block.end_ns
+            )
         )
 
 

@@ -18,9 +18,9 @@ def session_json(session: RecordedSession) -> Json:
 
 
 def _turbine(record: TurbineRecord) -> Json:
-    """Return `summary.json` without the timing, with sentences and values over time."""
+    """Return `summary.json` without source and timing, with sentences and values over time."""
     summary = record.figures
-    del summary["timing"], summary["source"]
+    del summary["timing"]
     start_ns, end_ns = record.span_ns
     return summary | {
         "condition": condition(record),

@@ -35,8 +35,6 @@ class TurbineRecord:
     turbine: str
     run: RunState = field(default_factory=RunState)
     """State of the recorded run after its last message."""
-    source: str = ""
-    """Where it was recorded, for people."""
     has_structure: bool = True
     """Whether the scenario has a structural model; without one there are modes only."""
     signals: SignalRecord = field(default_factory=SignalRecord)
@@ -50,7 +48,7 @@ class TurbineRecord:
     @property
     def figures(self) -> Json:
         """The turbine's part of `summary.json`."""
-        return turbine_figures(self.run, self.turbine, source=self.source)
+        return turbine_figures(self.run, self.turbine)
 
     def true_stiffness(self, name: str, time_ns: int) -> float | None:
         """Return the simulated truth at that time in the spring's unit; None if unknown."""
@@ -118,13 +116,7 @@ def read_session(path: Path) -> RecordedSession:
     scenario = _scenario(metadata)
     has_structure = scenario is None or scenario.has_structure
     turbines = [
-        TurbineRecord(
-            name,
-            run,
-            source=path.name,
-            has_structure=has_structure,
-            signals=signals[name],
-        )
+        TurbineRecord(name, run, has_structure=has_structure, signals=signals[name])
         for name in sorted(run.measured)
     ]
     if not any(record.has_results for record in turbines):

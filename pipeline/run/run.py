@@ -138,7 +138,7 @@ class _Run:
 
         def count(block: AccelerationBlock) -> None:
             if not source.is_live:  # there the summary counts what it receives
-                summary.count(block)
+                summary.run.fold(block)
             if self.report:
                 self.report(block)
 

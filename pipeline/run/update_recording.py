@@ -35,7 +35,7 @@ def update_from(
     nodes = [plan.make() for plan in graph]
 
     def count(block: AccelerationBlock) -> None:
-        summary.count(block)
+        summary.run.fold(block)
         if report:
             report(block)
 

@@ -21,6 +21,7 @@ STATUS_PERIOD = 1.0  # longest time between two statuses of a running node [s]
 STATUS_BLOCKS = 16  # a status at the latest after so many blocks, so that the source can go on
 DRAINED_WITHIN = 1.0  # what a node has received when it is asked to stop [s]
 LEAST_PATIENCE = 0.2  # with the last of them [s]
+SILENT_SESSION = 10.0  # without a message, after which a listener logs it [s]
 TRIM_PERIOD = 60.0  # between two returns of freed memory [s]
 
 
@@ -111,7 +112,6 @@ def serve(
     *,
     turbine: str,
     stopping: threading.Event,
-    clock: Callable[[], int] = time.time_ns,
     monotonic: Callable[[], float] = time.monotonic,
 ) -> None:
     """Give a node its messages and publish its answers, until `stopping` is set and all is done.
@@ -119,10 +119,10 @@ def serve(
     What is not done DRAINED_WITHIN after that is left: a node that is started again finds it where
     it is recorded.
     """
-    account = NodeAccount(node, turbine, clock)
+    account = NodeAccount(node, turbine, time.time_ns)
     inbox = Inbox()
     subscription = bus.subscribe(node.inputs, inbox)
-    beat = Heartbeat(clock)
+    beat = Heartbeat(time.time_ns)
     freed = FreedMemory(monotonic)
 
     def publish_status(state: str) -> None:
@@ -196,9 +196,7 @@ def open_session(open_bus: Callable[[], Bus]) -> Iterator[Bus]:
         bus.close()
 
 
-def listened(
-    node: Node, bus: Bus, stopping: threading.Event, *, where: str, patience: float = 10.0
-) -> None:
+def listened(node: Node, bus: Bus, stopping: threading.Event, *, where: str) -> None:
     """Give a sink every message until `stopping` is set; log if none comes in time.
 
     Nothing is published: who may only read may do this.
@@ -207,12 +205,10 @@ def listened(
     ----------
     where : str
         Where a session should be, for the log.
-    patience : float
-        With a session that sends nothing [s].
     """
     inbox = Inbox()
     subscription = bus.subscribe(node.inputs, inbox)
-    deadline = time.monotonic() + patience
+    deadline = time.monotonic() + SILENT_SESSION
     while not stopping.is_set():
         message = inbox.get(timeout=0.2)
         if message is not None:
@@ -221,6 +217,8 @@ def listened(
         elif time.monotonic() > deadline:
             deadline = math.inf
             logger.warning(
-                "no message in %g s from %s: does a session run there? Waiting.", patience, where
+                "no message in %g s from %s: does a session run there? Waiting.",
+                SILENT_SESSION,
+                where,
             )
     subscription.close()

@@ -40,61 +40,49 @@ class Turbines:
         self._scenario = scenario
         self._layout = layout
         self._farm = {each.turbine.id: each for each in farm_members(scenario)}
-        self._layouts = {name: each.layout for name, each in self._farm.items()} | dict(layouts)
+        of_farm = {name: each.layout for name, each in self._farm.items()}
+        self._layouts = of_farm | dict(layouts) | {layout.turbine: layout}
         self._store = None if checkpoints is None else SnapshotFolder(checkpoints, epoch=epoch)
         self._earlier = earlier
-        self._joints: dict[object, JointInference | None] = {}  # likewise
-        self._models: dict[object, ModalModel] = {}  # turbines alike share one: it never changes
-        self._spare: TurbineUpdating | None = None  # made before the first window waits for it
+        # turbines alike share one: it never changes
+        self._structures: dict[object, tuple[ModalModel, JointInference | None]] = {}
 
     def updating(self) -> UpdatingNode:
-        """One node for all of them. Raises CheckpointError for a snapshot that does not fit."""
+        """One node for all of them, the first turbine's updating made before a window waits for it.
+
+        Raises CheckpointError for a snapshot that does not fit.
+        """
         past = () if self._store is None else latest_estimates(self._earlier, MOST_UNANSWERED)
         node = UpdatingNode(self._made, store=self._store, past=past)
-        self._spare = self._updating_of(self._layout.turbine, self._layout)
-        if self._store is not None:
-            node.begin(self._layout.turbine)
+        node.begin(self._layout.turbine)
         return node
 
     def _made(self, turbine: str) -> TurbineUpdating:
-        layout = self._layouts.get(turbine, self._layout)
-        if turbine == self._layout.turbine or turbine not in self._layouts:
-            layout = self._layout
-            spare, self._spare = self._spare, None
-            if spare is not None:
-                return spare
-        return self._updating_of(turbine, layout)
-
-    def _updating_of(self, turbine: str, layout: SensorLayout) -> TurbineUpdating:
-        scenario = self._scenario
-        member = self._farm.get(turbine, scenario)
+        scenario, layout = self._scenario, self._layouts.get(turbine, self._layout)
+        model, joint = self._structure(self._farm.get(turbine, scenario), layout)
         updater = FoundationUpdater(
-            self._model(member, layout),
+            model,
             layout,
             scenario.updating,
             seed=scenario.seed,
             population=scenario.population,
-            joint=self._joint(member, layout),
+            joint=joint,
         )
         return TurbineUpdating(updater, layout, scenario.operation)
 
-    def _model(self, member: Scenario, layout: SensorLayout) -> ModalModel:
+    def _structure(
+        self, member: Scenario, layout: SensorLayout
+    ) -> tuple[ModalModel, JointInference | None]:
         kind = (member.turbine.description, member.turbine.springs_sign, layout.channels)
-        if kind not in self._models:
-            with one_blas_thread():
-                self._models[kind] = ModalModel(member.structure, layout)
-        return self._models[kind]
-
-    def _joint(self, member: Scenario, layout: SensorLayout) -> JointInference | None:
-        kind = (member.turbine.description, member.turbine.springs_sign, layout.channels)
-        if kind not in self._joints:
+        if kind not in self._structures:
             scenario = self._scenario
             with one_blas_thread():  # else its basis, and every draw, depends on the cores
-                self._joints[kind] = joint_inference(
+                joint = joint_inference(
                     member.structure,
                     layout,
                     scenario.updating,
                     seed=scenario.seed,
                     population=scenario.population,
                 )
-        return self._joints[kind]
+                self._structures[kind] = ModalModel(member.structure, layout), joint
+        return self._structures[kind]

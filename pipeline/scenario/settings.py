@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.operating_state import OperationSettings
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.windows.block_admission import LimitSettings
 from pipeline.recording.settings import RecordingSettings
 from pipeline.updating.population import StiffnessPopulation, load_population, population_from_json
 from pipeline.updating.settings import UpdatingSettings

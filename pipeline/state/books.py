@@ -58,18 +58,23 @@ class BlockBook:
     end_ns: int | None = None
     """Latest end of one [ns]."""
 
-    def enter(self, block: AccelerationBlock, *, unused_before: int) -> None:
-        """Enter a block that arrived, and how many numbers its unit passed over before it."""
+    def enter(self, block: AccelerationBlock, *, unused_before: int) -> bool:
+        """Enter a block that arrived; whether for the first time.
+
+        unused_before   numbers that its unit passed over before it
+        """
         number = block.sequence
         self.start_ns = min(block.start_ns, self.start_ns or block.start_ns)
         self.end_ns = max(block.end_ns, self.end_ns or block.end_ns)
         self.unused.add(number - unused_before, number)
         before = len(self.recorded)
         self.recorded.add(number)
-        if len(self.recorded) == before:
+        is_new = len(self.recorded) > before
+        if not is_new:
             self.repeated += 1
         elif number in self.reported:
             self.late.add(number)
+        return is_new
 
     @property
     def lost(self) -> int:
@@ -172,11 +177,11 @@ class Books:
         self._turbines: BoundedDict[str, TurbineBook] = bounded_table()
         self._nodes: BoundedDict[tuple[str, str], NodeStatus] = bounded_table()
 
-    def handle(self, message: Message) -> None:
-        """Enter one message."""
+    def handle(self, message: Message) -> bool:
+        """Enter one message; False: a block that has come before."""
         match message:
             case AccelerationBlock():
-                self._block(message)
+                return self._block(message)
             case StreamGap():
                 end = message.first_sequence + message.n_blocks
                 book = self._book_at(_session(message), end, message.end_ns)
@@ -193,11 +198,12 @@ class Books:
                 if message.is_of(UPDATING):
                     self._note_updating()
                 self._nodes[message.turbine, message.node] = message
+        return True
 
     def _note_updating(self) -> None:
         self._is_updating = self._updates is not False
 
-    def _block(self, block: AccelerationBlock) -> None:
+    def _block(self, block: AccelerationBlock) -> bool:
         session = _session(block)
         counter = self._boots.pop(session, None) or BootCounter()
         self._boots[session] = counter  # of too many, those that sent nothing for longest go
@@ -210,7 +216,7 @@ class Books:
         if counter.also and present is not None:  # they were taken for the same once more
             present.repeated -= counter.also
             book.recorded.add(block.sequence - counter.also, block.sequence)
-        book.enter(block, unused_before=unused)
+        return book.enter(block, unused_before=unused)
 
     def _book_at(self, session: tuple[str, str, str], sequence: int, time_ns: int) -> BlockBook:
         """The book of the boot whose block of that number begins at that time, else the present."""

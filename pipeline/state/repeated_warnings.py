@@ -18,12 +18,15 @@ class DistinctWarnings:
 
     Parameters
     ----------
+    warnings : iterable of QualityWarning, optional
+        In the order in which they are to be read.
     most : int or None, optional
         That are kept, the latest; None: all.
     """
 
-    def __init__(self, most: int | None = None) -> None:
+    def __init__(self, warnings: Iterable[QualityWarning] = (), *, most: int | None = None) -> None:
         self._first: BoundedDict[tuple[str, str], QualityWarning] = BoundedDict(most)
+        self.add(warnings)
 
     def add(self, warnings: Iterable[QualityWarning]) -> None:
         """Enter warnings in the order in which they are to be read."""
@@ -32,19 +35,6 @@ class DistinctWarnings:
 
     def __iter__(self) -> Iterator[QualityWarning]:
         return iter(self._first.values())
-
-
-def without_repeats(warnings: Iterable[QualityWarning]) -> list[QualityWarning]:
-    """Return each warning once: see `DistinctWarnings`.
-
-    Parameters
-    ----------
-    warnings : iterable of QualityWarning
-        In the order in which they are to be read.
-    """
-    kept = DistinctWarnings()
-    kept.add(warnings)
-    return [*kept]
 
 
 def _rounded(number: re.Match[str]) -> str:

@@ -47,14 +47,18 @@ class CombinedTracks:
 
     Parameters
     ----------
+    estimates : iterable of ModalEstimate, optional
+        The first windows.
     most : int or None, optional
         Tracks that are kept; of more the one that was not seen for longest goes. None: all.
     """
 
-    def __init__(self, most: int | None = None) -> None:
+    def __init__(self, estimates: Iterable[ModalEstimate] = (), *, most: int | None = None) -> None:
         self._most = most
         self._tracks: dict[str, _Track] = {}  # by name, in the order in which they were first seen
         self._added = 0
+        for estimate in estimates:
+            self.add(estimate)
 
     def add(self, estimate: ModalEstimate) -> None:
         """Enter the modes of one more window."""
@@ -74,16 +78,6 @@ class CombinedTracks:
         pairs = pairs_by_track(latest, posterior) if posterior else {}
         combined = [track.combined(name, pairs.get(name)) for name, track in self._tracks.items()]
         return sorted(combined, key=lambda mode: mode.frequency)
-
-
-def combined_modes(
-    estimates: Iterable[ModalEstimate], posterior: FoundationPosterior | None = None
-) -> list[CombinedMode]:
-    """Return the modes of all windows: see `CombinedTracks.modes`."""
-    tracks = CombinedTracks()
-    for estimate in estimates:
-        tracks.add(estimate)
-    return tracks.modes(posterior)
 
 
 def pairs_by_track(

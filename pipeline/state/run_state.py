@@ -12,11 +12,8 @@ from pipeline.messages import Message
 from pipeline.state.books import Books
 from pipeline.state.health import Health
 from pipeline.state.turbine_state import TurbineState
-from sensors.acquisition.blocks import AccelerationBlock
-from sensors.bounded_dict import BoundedDict
 
 MOST_TURBINES_KNOWN = 300  # of a live run; of more the one with the fewest messages goes
-MOST_UNITS_HEARD = 5000  # sessions of units of a live run whose latest block is remembered
 
 
 class RunState:
@@ -37,7 +34,6 @@ class RunState:
         self.turbines: dict[str, TurbineState] = {}
         self._kept = kept
         self._once = once
-        self._newest: BoundedDict[tuple[str, ...], int] = BoundedDict(MOST_UNITS_HEARD)
 
     def fold(self, message: Message, now_ns: int | None = None) -> None:
         """Take one message into account.
@@ -51,9 +47,8 @@ class RunState:
         """
         if now_ns is not None:
             self.health.observe(message, now_ns)
-        self.books.handle(message)
-        counts = not isinstance(message, AccelerationBlock) or self._is_new(message)
-        self.turbine(message.turbine).fold(message, counts=counts)
+        is_new = self.books.handle(message)
+        self.turbine(message.turbine).fold(message, counts=is_new or not self._once)
 
     def turbine(self, name: str) -> TurbineState:
         """Return the state of one turbine, an empty one where nothing is known yet."""
@@ -96,11 +91,3 @@ class RunState:
     def published(self) -> int:
         """Blocks of all turbines."""
         return sum(each.published for each in self.turbines.values())
-
-    def _is_new(self, block: AccelerationBlock) -> bool:
-        if not self._once:
-            return True
-        unit = (block.turbine, block.unit, block.session)
-        newest = self._newest.pop(unit, -1)
-        self._newest[unit] = max(newest, block.sequence)
-        return block.sequence > newest

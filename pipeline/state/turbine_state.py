@@ -19,7 +19,7 @@ from pipeline.messages import (
     same_window,
     without_covariances,
 )
-from pipeline.state.repeated_warnings import DistinctWarnings, without_repeats
+from pipeline.state.repeated_warnings import DistinctWarnings
 from pipeline.state.run_modes import CombinedMode, CombinedTracks
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -147,7 +147,8 @@ class TurbineState:
     def bounded(cls, turbine: str, kept: int) -> "TurbineState":
         """Return the state of a live run's turbine, which holds as much after years as after a
         day."""
-        tracks, warnings = CombinedTracks(MOST_TRACKS), DistinctWarnings(MOST_WINDOW_WARNINGS)
+        tracks = CombinedTracks(most=MOST_TRACKS)
+        warnings = DistinctWarnings(most=MOST_WINDOW_WARNINGS)
         return cls(turbine, kept, tracks=tracks, window_warnings=warnings)
 
     def fold(self, message: Message, *, counts: bool = True) -> None:
@@ -248,7 +249,7 @@ class TurbineState:
         found = [*(self.posterior.warnings if self.posterior else ())]
         found += self.window_warnings
         found += [each for status in self.statuses.values() for each in status.warnings]
-        return without_repeats(found)
+        return [*DistinctWarnings(found)]
 
     def _block(self, block: AccelerationBlock, *, counts: bool) -> None:
         unit = self._unit(block.unit)

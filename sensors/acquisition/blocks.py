@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import IntFlag
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,11 @@ class AccelerationBlock:
     def duration(self) -> float:
         """Time that the block covers [s]."""
         return len(self.samples) / self.sampling_rate
+
+    @property
+    def next_sample(self) -> int:
+        """One after the block's last."""
+        return self.first_sample + len(self.samples)
 
     @property
     def end_ns(self) -> int:
@@ -110,6 +116,31 @@ class BlockMark:
     def end_ns(self) -> int:
         """Stamp one sample after the block's last [ns]."""
         return self.start_ns + round(self.n_samples / self.sampling_rate * NANOSECONDS)
+
+
+class Sampled(Protocol):
+    """Samples of one boot of a unit: a block, its mark, a stretch of a file."""
+
+    @property
+    def first_sample(self) -> int:
+        """Since the boot's start."""
+        ...
+
+    @property
+    def start_ns(self) -> int:
+        """Stamp of the first sample [ns since 1970-01-01 UTC]."""
+        ...
+
+    @property
+    def sampling_rate(self) -> float:
+        """[Hz]"""
+        ...
+
+
+def time_apart(before: Sampled, after: Sampled) -> tuple[float, float]:
+    """Return the time between two first samples by their count and by their stamps [s]."""
+    counted = (after.first_sample - before.first_sample) / before.sampling_rate
+    return counted, (after.start_ns - before.start_ns) / NANOSECONDS
 
 
 def has_clock(time_ns: int) -> bool:

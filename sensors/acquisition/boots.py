@@ -1,6 +1,6 @@
 """Starts of acquisition units, by their blocks' numbers: what a block's boot is."""
 
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, time_apart
 from sensors.bounded_dict import BoundedDict
 
 NOTABLE_CLOCK_STEP = 0.5  # of stamps against the sample count between two blocks [s]
@@ -106,10 +106,9 @@ class BootCounter:
 
 
 def _follows(newest: AccelerationBlock, block: AccelerationBlock) -> bool:
-    return block.first_sample == newest.first_sample + len(newest.samples)
+    return block.first_sample == newest.next_sample
 
 
 def _fits(newest: AccelerationBlock, block: AccelerationBlock) -> bool:
-    since = (block.first_sample - newest.first_sample) / newest.sampling_rate
-    clock = (block.start_ns - newest.start_ns) / NANOSECONDS
+    since, clock = time_apart(newest, block)
     return abs(clock - since) <= NOTABLE_CLOCK_STEP + RATE_ERROR * abs(since)

@@ -3,7 +3,7 @@
 import heapq
 from collections.abc import Iterable, Iterator
 
-from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, time_apart
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 
@@ -53,9 +53,8 @@ class _Source:
         before, self._before = self._before, message
         if before is None or before.session != message.session:
             return None
-        since = (message.first_sample - before.first_sample) / before.sampling_rate
+        since, clock = time_apart(before, message)
         behind = message.sequence < before.sequence
-        clock = (message.start_ns - before.start_ns) / NANOSECONDS
         tolerance = STAMP_STEP + CONVERTER_ERROR * abs(since)
         if behind and abs(clock - since) > tolerance:
             return None  # the unit has started again

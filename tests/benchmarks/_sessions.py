@@ -60,7 +60,7 @@ def session(scenario: Scenario) -> SessionOutcome:
         source.messages(),
         [*nodes, summary],
         turbine=source.layout.turbine,
-        report=summary.count,
+        report=summary.run.fold,
     )
     return outcome(scenario, summary.as_json(wall=1.0))
 

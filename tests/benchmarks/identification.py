@@ -22,8 +22,7 @@ import numpy as np
 from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
-from pipeline.oma.ssi.covariance import lag_covariances
-from pipeline.oma.ssi.ssi_cov import signal_subspace, system_modes
+from pipeline.oma.ssi.ssi_cov import lag_covariances, signal_subspace, system_modes
 from pipeline.oma.ssi.uncertainty import (
     frequency_damping_deviations,
     order_deviations,

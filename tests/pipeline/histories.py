@@ -32,10 +32,10 @@ from pipeline.messages import (
     StabilisationDiagram,
     WindowRejected,
 )
-from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.updating import AnsweredWindows, UpdatingNode
+from pipeline.oma import window_identification
 from pipeline.oma.identification import Identification
 from pipeline.oma.settings import OmaSettings
 from pipeline.runtime.snapshots import SnapshotFolder

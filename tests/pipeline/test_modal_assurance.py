@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from pipeline.modal_assurance import (
     complex_normalised,
+    mac,
     modal_assurance_criterion,
     normalised_to,
     renormalised_factor,
@@ -31,6 +32,7 @@ def test_mac_is_the_squared_cosine_and_knows_neither_scale_nor_phase(
     one, other = first[1], second[2]
     lengths = np.linalg.norm(one) * np.linalg.norm(other)
     assert found[1, 2] == pytest.approx((abs(np.vdot(one, other)) / lengths) ** 2)
+    assert mac(one, other) == pytest.approx(found[1, 2])
     assert ((found >= 0) & (found <= 1 + 1e-12)).all()
     turned = 10**log_scale * np.exp(1j * phase) * second
     assert modal_assurance_criterion(first, turned) == pytest.approx(found)

@@ -41,7 +41,7 @@ from pipeline.recording.info import recording_info
 from pipeline.report.figures_json import session_json
 from pipeline.report.recorded_session import read_session
 from pipeline.scenario import load_scenario, scenario_from_text, shipped_scenarios
-from pipeline.state.run_modes import combined_modes
+from pipeline.state.run_modes import CombinedTracks
 from pipeline.updating.structural.sensors.figures import sensor_figures
 from pipeline.updating.structural.settings import OTHERS, UNCERTAIN
 from sensors.acquisition.blocks import NANOSECONDS
@@ -106,7 +106,7 @@ def published() -> dict[str, Any]:
         info, machine = recording_info(path), session_json(read_session(path))
         files = export(path, Path(folder) / "tables", "csv")
         rows = {each.path.name: each.path.read_text("utf-8").splitlines()[:40] for each in files}
-    modes = combined_modes([estimate(0), estimate(1)], posterior(1))
+    modes = CombinedTracks([estimate(0), estimate(1)]).modes(posterior(1))
     registry = CollectorRegistry()
     registry.register(metrics)
     answers = node.as_json()["posteriors"]

@@ -22,8 +22,8 @@ from unittest.mock import patch
 import numpy as np
 
 from pipeline.messages import Message, ModalEstimate, StabilisationDiagram
-from pipeline.nodes import window_identification
 from pipeline.nodes.identification import IdentificationNode
+from pipeline.oma import window_identification
 from pipeline.oma.settings import OmaSettings
 from pipeline.runtime.snapshots import SnapshotFolder
 from pipeline.runtime.source_feed import with_end

@@ -27,9 +27,7 @@ class ChannelCheck:
     """Why it did not arrive; "" if it did."""
 
 
-def checked_channels(
-    settings: AlarmSettings, folder: Path, clock: Callable[[], int] = time.time_ns
-) -> Iterator[ChannelCheck]:
+def checked_channels(settings: AlarmSettings, folder: Path) -> Iterator[ChannelCheck]:
     """Send one test message through each channel and one ping to each heartbeat.
 
     Parameters
@@ -38,10 +36,8 @@ def checked_channels(
         The notices file.
     folder : Path
         Of the session that the messages name.
-    clock : callable
-        Time [ns since 1970-01-01 UTC].
     """
-    now_ns = clock()
+    now_ns = time.time_ns()
     where = {"host": socket.gethostname(), "session": str(folder)}
     message = {
         **{"occasion": "test", "id": 0, "serial": now_ns, "kind": "test", "turbine": "session"},

@@ -1,1 +1,1 @@
-"""A turbine's acquisition units: which blocks are used, their sessions, their restart."""
+"""A turbine's acquisition units: their sessions, their restart."""

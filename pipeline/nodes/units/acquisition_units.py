@@ -9,12 +9,12 @@ from typing import Any
 from pipeline.messages import Message, ModalEstimate, QualityWarning, StreamEnd, UnitOrigin
 from pipeline.nodes.by_turbine import LimitedMembers
 from pipeline.nodes.node import NodeStatistics
-from pipeline.nodes.units.block_admission import BlockAdmission
-from pipeline.nodes.window_identification import WindowContext, WindowIdentification
-from pipeline.oma.data_quality.block_monitor import BlockMonitor
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.window_identification import WindowContext, WindowIdentification
+from pipeline.oma.windows.block_admission import BlockAdmission, Boot
 from pipeline.oma.windows.unit_alignment import FITTED_STAMPS
-from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
+from pipeline.oma.windows.unit_clock import BlockMonitor
+from pipeline.oma.windows.windowing import Beginning, MissingSamples, Window
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout
 from sensors.bounded_dict import BoundedDict
@@ -23,15 +23,6 @@ LATEST_OF_A_UNIT = 8  # layouts and ends of sessions that are kept
 MARKS = 20_000  # of a unit's latest blocks at most: ten minutes of blocks of 30 ms
 MARGIN = 10.0 + FITTED_STAMPS  # [s] of blocks that a clock's line is fitted to
 MOST_OPENING = 64  # blocks that are kept
-
-
-@dataclass(frozen=True, slots=True)
-class Boot:
-    """A start of a unit."""
-
-    session: str
-    number: int
-    """Starts under that session's name before it."""
 
 
 def read_back(settings: OmaSettings) -> float:
@@ -64,7 +55,7 @@ class AcquisitionUnit:
     @property
     def boot(self) -> Boot:
         """The present one."""
-        return Boot(self.admission.session or "", self.admission.boot)
+        return self.admission.boot
 
     def begin(self, beginning: Beginning) -> None:
         """Begin a boot."""
@@ -94,9 +85,8 @@ class AcquisitionUnit:
 
     def note_joined(self, block: AccelerationBlock) -> None:
         """Remember that a session has a block."""
-        end = block.first_sample + len(block.samples)
-        if end > self._reached.first_sample:
-            self._reached = Beginning(end, block.sequence + 1)
+        if block.next_sample > self._reached.first_sample:
+            self._reached = Beginning(block.next_sample, block.sequence + 1)
 
     def note_end(self, end: StreamEnd) -> None:
         """Remember that a session's end was announced."""
@@ -123,7 +113,6 @@ class AcquisitionUnits:
 
     def __init__(self, settings: OmaSettings, most: int) -> None:
         self.by_name: dict[str, AcquisitionUnit] = {}
-        self.layouts: dict[str, SensorLayout] = {}  # of all units, by their ids
         self._settings = settings
         self._names = LimitedMembers(most)
         self._of_the_past = NodeStatistics()  # of units that are gone
@@ -138,17 +127,12 @@ class AcquisitionUnits:
         return self.by_name[name]
 
     def _let_go(self, name: str) -> None:
-        gone = self.by_name.pop(name)
-        self._of_the_past += NodeStatistics(rejected=gone.admission.refused)
-        for layout_id in gone.layouts:
-            self.layouts.pop(layout_id, None)
+        refused = self.by_name.pop(name).admission.refused
+        self._of_the_past += NodeStatistics(rejected=refused)
 
     def note_layout(self, layout: SensorLayout) -> None:
         """Remember a unit's layout; the latest of each unit are kept."""
-        oldest = self.named(layout.unit).layouts.put(layout.layout_id, layout)
-        if oldest is not None:
-            self.layouts.pop(oldest.layout_id, None)
-        self.layouts[layout.layout_id] = layout
+        self.named(layout.unit).layouts.put(layout.layout_id, layout)
 
     def forget_unread(self) -> None:
         """Forget of every unit what a restart would not read."""
@@ -300,16 +284,13 @@ class UnitSession:
         Of the unit, by their ids.
     """
 
-    has_lost_time = False
-    """Whether the units' stamps have left the clock that they are joined on; one has none."""
-
     def __init__(
         self, first: UnitBlock, layouts: dict[str, SensorLayout], context: WindowContext
     ) -> None:
         block, self._boot = first.block, first.boot
         self._unit = block.unit
-        self._settings = context.settings
-        self._order = BlockOrder(context.settings.lateness, first.beginning)
+        self._context = context
+        self._order = context.order(first.beginning)
         self._origin = first.beginning.first_sample  # of the windows
         self.windows = WindowIdentification(
             block.turbine, block.unit, layouts, context, origins=self._origins
@@ -347,13 +328,9 @@ class UnitSession:
         yield from self._answers(self._order.flush())
         yield from self.windows.finish()
 
-    def release(self) -> list[AccelerationBlock]:
-        """Blocks that what follows may use: none."""
-        return []
-
     def needed(self) -> dict[str, int]:
         """First sample of each unit that is not in an answered window."""
-        hop = self._settings.hop * self._rate
+        hop = self._context.settings.hop * self._rate
         first = self._origin + self.windows.shift
         return {self._unit: first + round(self.windows.next_index * hop)}
 
@@ -363,7 +340,7 @@ class UnitSession:
 
     def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered."""
-        self._order = BlockOrder(self._settings.lateness, needed[self._unit])
+        self._order = self._context.order(needed[self._unit])
         self._origin = int(state.get("origin", 0))
         self.windows.begin_at(int(state["window"]))
 
@@ -378,13 +355,3 @@ class UnitSession:
             if self._origin:
                 piece = replace(piece, first_sample=piece.first_sample - self._origin)
             yield from self.windows.push(piece)
-
-    @property
-    def late(self) -> int:
-        """Blocks that came too late."""
-        return self._order.late
-
-    @property
-    def duplicate(self) -> int:
-        """Blocks that came twice."""
-        return self._order.duplicate

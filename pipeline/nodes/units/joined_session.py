@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from pipeline.messages import Message, QualityWarning, UnitOrigin
-from pipeline.nodes.units.acquisition_units import Boot, UnitBlock, UnitSession
-from pipeline.nodes.units.block_admission import LAYOUT, STUBBORN, UNITS
-from pipeline.nodes.window_identification import WindowContext, WindowIdentification
+from pipeline.nodes.units.acquisition_units import UnitBlock, UnitSession
+from pipeline.oma.window_identification import WindowContext, WindowIdentification
+from pipeline.oma.windows.block_admission import LAYOUT, STUBBORN, UNITS, Boot
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.unit_clock import ClockStep, clock_step, stamp_of
 from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples, Window
@@ -30,11 +30,10 @@ class JoinedSession:
     """
 
     def __init__(self, layouts: Sequence[SensorLayout], context: WindowContext) -> None:
-        self._settings = context.settings
+        self._settings, self._context = context.settings, context
         self._joiner = UnitJoiner(layouts, context.settings.lateness)
         self._orders: dict[str, BlockOrder] = {}
         self._boots: dict[str, Boot] = {}
-        self._late = self._duplicate = 0  # blocks of boots of units that are over
         self._newest: dict[str, AccelerationBlock] = {}
         self._out: set[str] = set()  # units whose stamps do not agree with the others'
         self._agreed_from: dict[str, int] = {}  # first sample since a unit was left out
@@ -117,12 +116,8 @@ class JoinedSession:
 
     def finish(self) -> Iterator[Message]:
         """Answer what is left."""
-        for unit, order in self._orders.items():
-            pieces = list(order.flush())
-            blocks = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
-            if blocks:
-                yield from self._taken(blocks[-1], pieces)
-            self._orders[unit] = BlockOrder(self._settings.lateness)
+        for order in self._orders.values():
+            yield from self._flushed(order)
         for piece in self._joiner.finish():
             yield from self.windows.push(piece)
         yield from self.windows.finish()
@@ -157,7 +152,7 @@ class JoinedSession:
     def resume(self, state: Mapping[str, Any], needed: Mapping[str, Beginning]) -> None:
         """Go on with the first window that is not answered, on the same clock."""
         for unit, beginning in needed.items():
-            self._orders[unit] = BlockOrder(self._settings.lateness, beginning)
+            self._orders[unit] = self._context.order(beginning)
         self._out = set(state.get("out", ()))
         if state["grid"] is None:
             return
@@ -170,7 +165,7 @@ class JoinedSession:
         """Which boots of the units run."""
         self._boots = dict(boots)
         for unit in boots:
-            self._orders.setdefault(unit, BlockOrder(self._settings.lateness))
+            self._orders.setdefault(unit, self._context.order(Beginning()))
 
     def _agrees(self, block: AccelerationBlock) -> bool:
         """Whether a block's stamp is one that the units can be joined on."""
@@ -205,19 +200,21 @@ class JoinedSession:
         known = self._boots.get(block.unit)
         self._boots[block.unit] = item.boot
         self._newest.pop(block.unit, None)
-        self._orders[block.unit] = BlockOrder(self._settings.lateness, item.beginning)
+        self._orders[block.unit] = self._context.order(item.beginning)
         if order is None or known is None:
             self._out.discard(block.unit)
             return
-        pieces = list(order.flush())
-        self._late += order.late
-        self._duplicate += order.duplicate
-        blocks = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
-        if blocks:
-            yield from self._taken(blocks[-1], pieces)
+        yield from self._flushed(order)
         self._out.discard(block.unit)
         self._agreed_from.pop(block.unit, None)
         self._joiner.restart(block.unit)
+
+    def _flushed(self, order: BlockOrder) -> Iterator[Message]:
+        """Take what still waits of a unit."""
+        pieces = list(order.flush())
+        blocks = [piece for piece in pieces if isinstance(piece, AccelerationBlock)]
+        if blocks:
+            yield from self._taken(blocks[-1], pieces)
 
     def _taken(
         self, block: AccelerationBlock, pieces: Sequence[AccelerationBlock | MissingSamples]
@@ -241,16 +238,6 @@ class JoinedSession:
             for unit, sample in sorted(beginnings.items())
             if unit in self._boots
         )
-
-    @property
-    def late(self) -> int:
-        """Blocks that came too late."""
-        return self._late + sum(order.late for order in self._orders.values())
-
-    @property
-    def duplicate(self) -> int:
-        """Blocks that came twice."""
-        return self._duplicate + sum(order.duplicate for order in self._orders.values())
 
 
 IdentifiedSession = UnitSession | JoinedSession

@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from pipeline.messages import Message
-from pipeline.nodes.units.acquisition_units import AcquisitionUnits, Boot
+from pipeline.nodes.units.acquisition_units import AcquisitionUnits
 from pipeline.nodes.units.joined_session import IdentifiedSession, JoinedSession
+from pipeline.oma.windows.block_admission import Boot
 from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import AccelerationBlock, BlockMark
 from sensors.acquisition.layout import SensorLayout

@@ -12,7 +12,6 @@ Source: order tracking by least squares (Vold and Leuridan 1993, SAE 931288), wi
 amplitudes in place of their differences.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,10 +43,7 @@ class WithoutHarmonics:
 
 
 def without_harmonics(
-    samples: FloatArray,
-    sampling_rate: float,
-    rotor_speed: FloatArray,
-    orders: Sequence[int] = ORDERS,
+    samples: FloatArray, sampling_rate: float, rotor_speed: FloatArray
 ) -> WithoutHarmonics:
     """The samples less what follows the rotor's angle, and what that leaves of each line.
 
@@ -58,14 +54,12 @@ def without_harmonics(
         [Hz]
     rotor_speed : ndarray, shape (n,)
         At each sample [rpm].
-    orders : sequence of int
-        Times a turn.
     """
     angle = np.cumsum(rotor_frequency(rotor_speed)) / sampling_rate
     splines = _splines(len(samples))
     columns = [
         splines * part(2 * np.pi * order * angle)[:, None]
-        for order in orders
+        for order in ORDERS
         for part in (np.cos, np.sin)
     ]
     (basis,) = linalg.qr(np.hstack(columns), mode="economic", overwrite_a=True, check_finite=False)[
@@ -84,18 +78,13 @@ def turns(rotor_speed: FloatArray) -> bool:
     return bool(np.isfinite(rotor_speed).all() and np.mean(rotor_speed) > STANDING)
 
 
-def follows_rotor(
-    frequency: float,
-    duration: float,
-    rotor_speed: FloatArray,
-    orders: Sequence[int] = ORDERS,
-) -> bool:
+def follows_rotor(frequency: float, duration: float, rotor_speed: FloatArray) -> bool:
     """Whether a frequency [Hz] is a harmonic's, over a window of that duration [s]."""
     turning = rotor_frequency(rotor_speed)
     mean, spread = float(turning.mean()), float(turning.std())
     return any(
         abs(frequency - order * mean) < max(NEAR_LINES / duration, NEAR_SPREADS * order * spread)
-        for order in orders
+        for order in ORDERS
     )
 
 

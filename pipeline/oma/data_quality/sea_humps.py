@@ -52,7 +52,7 @@ class WithoutHumps:
 
 def is_candidate(mode: Mode, duration: float) -> bool:
     """Whether a mode is as slow and as wide as a sea's hump. duration: T of the window [s]"""
-    width = mode.damping_ratio * mode.frequency * duration
+    width = mode.half_bandwidth * duration
     return SLOWEST <= mode.frequency <= FASTEST and width >= NARROWEST
 
 
@@ -94,9 +94,7 @@ def without_sea_humps(
 
 
 def _hump(mode: Mode, evidence: float) -> RefusedMode:
-    return RefusedMode(
-        mode.frequency,
-        mode.damping_ratio,
+    return mode.refused(
         "sea",
         f"the spectrum of a sea explains its lines better than a resonance does (by {evidence:.2g} "
         "nats): waves, and no mode",

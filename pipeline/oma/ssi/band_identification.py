@@ -11,8 +11,16 @@ from pipeline.oma.preprocessing import above
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.bands import Band
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twins_in
-from pipeline.oma.ssi.covariance import ALL, LagCovariances, References, lag_covariances
-from pipeline.oma.ssi.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
+from pipeline.oma.ssi.ssi_cov import (
+    ALL,
+    LagCovariances,
+    References,
+    SignalSubspace,
+    SystemModes,
+    lag_covariances,
+    signal_subspace,
+    system_modes,
+)
 from pipeline.oma.ssi.stabilization import (
     PoleCloud,
     PoleCluster,

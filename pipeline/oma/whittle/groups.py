@@ -261,12 +261,5 @@ def _as_one_group(modes: Sequence[Mode], places: Sequence[int], duration: float)
 
 
 def _spread_about(mode: Mode, mean: float, spread: float) -> Mode:
-    column = np.zeros((len(mode.covariance_factor), 1))
-    column[0] = spread
-    return replace(
-        mode,
-        frequency=mean,
-        frequency_std=float(np.hypot(mode.frequency_std, spread)),
-        covariance_factor=np.hstack([mode.covariance_factor, column]),
-        pair_id=f"{mean:.4f} Hz",
-    )
+    spread_out = mode.with_frequency_spread(spread)
+    return replace(spread_out, frequency=mean, pair_id=f"{mean:.4f} Hz")

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.messages import Mode, RefusedMode
+from pipeline.modal_assurance import mac
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.groups import Group, Suspect, band_of, modes_of_group
@@ -22,8 +23,8 @@ from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import (
     AroundMode,
     around_mode,
+    bounded_half_bandwidth,
     first_mode,
-    half_bandwidth,
     left_near_first,
 )
 from pipeline.oma.whittle.unseen_modes import (
@@ -34,7 +35,6 @@ from pipeline.oma.whittle.unseen_modes import (
     RESONANCE_WIDTH,
     bandwidth_share,
     hidden_beside,
-    mac,
     over_bound,
     stands_out,
 )
@@ -157,7 +157,9 @@ def borne_out(
 
 def _is_seen(mode: Mode, spectrum: WindowSpectrum) -> bool:
     """Whether a peak stands so far out of the lines that no fit need say so."""
-    powers = spectrum.powers_over_flank(mode.frequency, mode.frequency, half_bandwidth(mode))
+    powers = spectrum.powers_over_flank(
+        mode.frequency, mode.frequency, bounded_half_bandwidth(mode)
+    )
     return bool(len(powers) and powers[0] > SEEN_OVER_FLANK)
 
 
@@ -165,7 +167,7 @@ def _unfounded(mode: Mode, around: AroundMode) -> RefusedMode:
     by = "a flat background explains"
     if len(around.modes) > 1:
         by = "its neighbours and a flat background explain"
-    return RefusedMode(mode.frequency, mode.damping_ratio, "explained", f"{by} its lines as well")
+    return mode.refused("explained", f"{by} its lines as well")
 
 
 def _with_hidden(
@@ -197,7 +199,7 @@ def _with_hidden(
 
 def _near(mode: Mode, hidden: Mode) -> bool:
     """Whether the poles of a mode may be those of another one, too."""
-    return abs(mode.frequency - hidden.frequency) < NEAR_WIDTHS * half_bandwidth(mode)
+    return abs(mode.frequency - hidden.frequency) < NEAR_WIDTHS * bounded_half_bandwidth(mode)
 
 
 def _confirmed(
@@ -313,15 +315,15 @@ def _is_of_pole(
     merged: bool = False,
 ) -> bool:
     """Whether a mode of the lines is a resonance, of a shape that is known, and that of a pole."""
-    width = fitted.damping_ratio * fitted.frequency
+    width = fitted.half_bandwidth
     least = (1 - SHARPER**2) * pole.frequency_std**2
     spread = max(pole.frequency_std**2 - fitted.frequency_std**2, least)
-    shift = NEAR_WIDTHS * half_bandwidth(pole) if merged else SHIFTED * np.sqrt(spread)
+    shift = NEAR_WIDTHS * bounded_half_bandwidth(pole) if merged else SHIFTED * np.sqrt(spread)
     return bool(
         width * spectrum.duration >= RESONANCE_WIDTH
         and fitted.shape_std.max() <= settings.maximum_shape_std
         and abs(fitted.frequency - pole.frequency) <= shift
-        and mac(fitted, pole) > SAME_SHAPE
+        and mac(fitted.shape, pole.shape) > SAME_SHAPE
     )
 
 
@@ -341,13 +343,7 @@ def _perhaps_merged(mode: Mode, hidden: Sequence[Mode]) -> Mode:
     distances = [each.frequency - mode.frequency for each in hidden if _near(mode, each)]
     if not distances:
         return mode
-    column = np.zeros((len(mode.covariance_factor), 1))
-    column[0] = max(distances, key=abs) / 2
-    return replace(
-        mode,
-        covariance_factor=np.hstack([mode.covariance_factor, column]),
-        frequency_std=float(np.hypot(mode.frequency_std, column[0, 0])),
-    )
+    return mode.with_frequency_spread(max(distances, key=abs) / 2)
 
 
 def _with_gusts(fitted: Mode, pole: Mode) -> Mode:
@@ -356,19 +352,12 @@ def _with_gusts(fitted: Mode, pole: Mode) -> Mode:
     columns = np.zeros((len(fitted.covariance_factor), 2))
     columns[0, 0] = min(POLES_SHARE * pole.frequency_std, fitted.frequency_std)
     columns[1, 1] = min(POLES_SHARE * pole.damping_ratio_std, fitted.damping_ratio_std)
-    factor = np.hstack([fitted.covariance_factor, columns])
-    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
-    return replace(
-        fitted,
-        covariance_factor=factor,
-        frequency_std=float(frequency_std),
-        damping_ratio_std=float(damping_std),
-    )
+    return fitted.with_factor(np.hstack([fitted.covariance_factor, columns]))
 
 
 def _worth_a_fit(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -> bool:
     """Whether a mode is known vaguely, and stands alone in a band that a fit can describe."""
-    width = half_bandwidth(mode)
+    width = bounded_half_bandwidth(mode)
     if not _vague(mode, spectrum) or width * spectrum.duration > WIDEST:
         return False
     clear = ALONE_WIDTHS * width + ALONE_LINES / spectrum.duration
@@ -378,7 +367,7 @@ def _worth_a_fit(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -
 
 def _vague(mode: Mode, spectrum: WindowSpectrum) -> bool:
     """Whether a resonance that the lines show is known vaguely."""
-    resolved = half_bandwidth(mode) * spectrum.duration >= NARROWEST
+    resolved = bounded_half_bandwidth(mode) * spectrum.duration >= NARROWEST
     return resolved and over_bound(mode, spectrum) > VAGUE
 
 
@@ -387,10 +376,11 @@ def _all_known(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -> 
     no mode."""
     if not _vague(mode, spectrum):
         return False
-    width = half_bandwidth(mode)
+    width = bounded_half_bandwidth(mode)
     powers = spectrum.powers_over_flank(mode.frequency, mode.frequency, width)
     near = sum(
-        abs(each.frequency - mode.frequency) < NEAR_WIDTHS * max(width, half_bandwidth(each))
+        abs(each.frequency - mode.frequency)
+        < NEAR_WIDTHS * max(width, bounded_half_bandwidth(each))
         for each in others
     )
     return int(np.sum(powers > ANOTHER)) <= 1 + near
@@ -413,4 +403,4 @@ def _flat_beside(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -
 
 
 def _place(mode: Mode) -> Group:
-    return Group(mode.frequency, mode.frequency, half_bandwidth(mode))
+    return Group(mode.frequency, mode.frequency, bounded_half_bandwidth(mode))

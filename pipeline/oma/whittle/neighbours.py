@@ -83,7 +83,7 @@ class AroundMode:
     def _start(self) -> CloseModes:
         """The modes as the poles have them, with the forces that their lines need."""
         band = self.band
-        widths = np.array([half_bandwidth(mode) for mode in self.modes]) * band.duration
+        widths = np.array([bounded_half_bandwidth(mode) for mode in self.modes]) * band.duration
         shapes = np.column_stack(
             [mode.shape / band.accelerations(mode.frequency) for mode in self.modes]
         )
@@ -108,13 +108,13 @@ def around_mode(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) ->
         All that surround it.
     spectrum : WindowSpectrum
     """
-    T, width = spectrum.duration, half_bandwidth(mode)
+    T, width = spectrum.duration, bounded_half_bandwidth(mode)
     far = min(FAR_WIDTHS * width, FAR_SHARE * mode.frequency)
     reach = REACH_LINES / T + max(REACH_WIDTHS * width, far)
     low, high = max(mode.frequency - reach, LOWEST_END * mode.frequency), mode.frequency + reach
     modes = [mode]
     for each in sorted(others, key=lambda other: abs(other.frequency - mode.frequency)):
-        clear = CLEAR_WIDTHS * half_bandwidth(each) + CLEAR_LINES / T
+        clear = CLEAR_WIDTHS * bounded_half_bandwidth(each) + CLEAR_LINES / T
         if not low - clear < each.frequency < high + clear:
             continue
         if len(modes) < MOST_TOGETHER:
@@ -133,7 +133,7 @@ def around_mode(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) ->
 def _edges(low: float, high: float, modes: Sequence[Mode], duration: float) -> IntArray:
     """First lines of bins, and the end of the last one."""
     places = np.array([mode.frequency for mode in modes]) * duration
-    widths = np.array([half_bandwidth(mode) for mode in modes]) * duration
+    widths = np.array([bounded_half_bandwidth(mode) for mode in modes]) * duration
     edges = [max(1, round(low))]
     while edges[-1] < high:
         distance = float(np.hypot(widths, edges[-1] - places).min())
@@ -204,6 +204,6 @@ def _gain(white: ComplexArray, n_together: FloatArray, span: BoolArray) -> float
     return float(counts.sum() * (power - 1 - np.log(power))) if power > 1 else 0.0
 
 
-def half_bandwidth(mode: Mode) -> float:
+def bounded_half_bandwidth(mode: Mode) -> float:
     """ζ f; of a mode whose damping is hardly known, no less than half its std makes it [Hz]."""
     return max(mode.damping_ratio, 0.5 * mode.damping_ratio_std) * mode.frequency

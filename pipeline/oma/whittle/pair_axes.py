@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pipeline.messages import Mode
-from pipeline.modal_assurance import modal_assurance_criterion, normalised_with_deviations
+from pipeline.modal_assurance import mac, normalised_with_deviations
 from pipeline.oma.whittle.fit import WhittleFit, compact, every_parameter, fitted, mode_of_rows
 from pipeline.oma.whittle.narrow_band import NarrowBand
 from pipeline.oma.whittle.spectral_model import CloseModes, force_parameters, n_inner
@@ -65,7 +65,7 @@ def _with_pole(mode: Mode, poles: Sequence[Mode], duration: float) -> Mode:
     alike = [
         pole
         for pole in poles
-        if modal_assurance_criterion(pole.shape[None], mode.shape[None])[0, 0] > SAME_AXIS
+        if mac(pole.shape, mode.shape) > SAME_AXIS
         and abs(pole.frequency - mode.frequency)
         < 2 * float(np.hypot(pole.frequency_std, mode.frequency_std))
     ]
@@ -77,16 +77,8 @@ def _with_pole(mode: Mode, poles: Sequence[Mode], duration: float) -> Mode:
     factor[:2, :n_pole] = pole.covariance_factor[:2]
     factor[2:, n_pole:-1] = mode.covariance_factor[2:]
     factor[0, -1] = 0.5 * HALF_A_LINE / duration
-    factor = compact(factor)
-    frequency_std, damping_std = np.linalg.norm(factor[:2], axis=1)
-    return replace(
-        mode,
-        frequency=pole.frequency,
-        frequency_std=float(frequency_std),
-        damping_ratio=pole.damping_ratio,
-        damping_ratio_std=float(damping_std),
-        covariance_factor=factor,
-    )
+    at_pole = replace(mode, frequency=pole.frequency, damping_ratio=pole.damping_ratio)
+    return at_pole.with_factor(compact(factor))
 
 
 def along_axes(

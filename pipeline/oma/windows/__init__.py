@@ -1,1 +1,1 @@
-"""Blocks → windows: alignment of the units and windowing."""
+"""Blocks → windows: which ones are used, alignment of the units and windowing."""

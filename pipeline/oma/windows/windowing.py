@@ -11,6 +11,7 @@ more samples or fewer, which are read at the instants at which a true one takes 
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -60,15 +61,23 @@ class BlockOrder:
 
     Decisions depend on the blocks alone, never on when they arrived: a missing block is given up
     when one that begins more than `lateness` after it has come.
+
+    unused   counts the blocks that came after they had been given up, "late", and those that came
+             twice, "duplicate"
     """
 
-    def __init__(self, lateness: float, beginning: Beginning = Beginning()):
+    def __init__(
+        self,
+        lateness: float,
+        beginning: Beginning = Beginning(),
+        unused: Counter[str] | None = None,
+    ):
         self._lateness = lateness  # [s] of sensor time
         self._beginning = beginning
         self._waiting: dict[int, AccelerationBlock] = {}  # by first_sample
         self._last: AccelerationBlock | None = None
-        self.late = 0  # blocks that came after they had been given up
-        self.duplicate = 0  # blocks that came twice
+        self._next_sample = beginning.first_sample
+        self.unused: Counter[str] = Counter() if unused is None else unused
 
     def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock | MissingSamples]:
         """Take one block as it arrives; give what is now in order."""
@@ -76,7 +85,7 @@ class BlockOrder:
             self._count_unusable(block)
             return
         if block.first_sample in self._waiting:
-            self.duplicate += 1
+            self.unused["duplicate"] += 1
             return
         self._waiting[block.first_sample] = block
         yield from self._released(give_up=False)
@@ -85,18 +94,10 @@ class BlockOrder:
         """Nothing more will come: give what still waits, with its gaps."""
         yield from self._released(give_up=True)
 
-    @property
-    def _next_sample(self) -> int:
-        if self._last is None:
-            return self._beginning.first_sample
-        return self._last.first_sample + len(self._last.samples)
-
     def _count_unusable(self, block: AccelerationBlock) -> None:
         seen = block.first_sample < self._beginning.first_sample  # before a restart
-        if seen or (self._last is not None and block.sequence == self._last.sequence):
-            self.duplicate += 1
-        else:
-            self.late += 1
+        again = seen or (self._last is not None and block.sequence == self._last.sequence)
+        self.unused["duplicate" if again else "late"] += 1
 
     def _released(self, *, give_up: bool) -> Iterator[AccelerationBlock | MissingSamples]:
         while self._waiting:
@@ -108,6 +109,7 @@ class BlockOrder:
                     return
                 yield self._missing_before(following)
             self._last = self._waiting.pop(following.first_sample)
+            self._next_sample = self._last.next_sample
             yield self._last
 
     def _missing_before(self, block: AccelerationBlock) -> MissingSamples:
@@ -187,7 +189,7 @@ class WindowCutter:
         self._newest = piece
         self._skip_to(piece.first_sample)
         self._pieces.append(_Piece(piece.first_sample, piece.start_ns, piece.samples, piece.status))
-        self._reached = piece.first_sample + len(piece.samples)
+        self._reached = self._pieces[-1].end
         while self._reached >= self._bounds(self._index)[1] and self._reached >= self._end():
             yield self._cut(complete=True)
 

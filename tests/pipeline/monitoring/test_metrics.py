@@ -140,8 +140,9 @@ def test_a_port_that_is_taken_is_one_line() -> None:
 
 
 def test_a_session_that_runs_elsewhere_can_be_listened_to(
-    caplog: pytest.LogCaptureFixture,
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("pipeline.runtime.node_thread.SILENT_SESSION", 0.1)
     endpoint = free_endpoint()
     desk, stopping = MetricsNode(), threading.Event()
     reader_settings = ZenohSettings(mode="client", connect=(endpoint,))
@@ -149,7 +150,7 @@ def test_a_session_that_runs_elsewhere_can_be_listened_to(
         listening = threading.Thread(
             target=listened,
             args=(desk, reader, stopping),
-            kwargs={"where": endpoint, "patience": 0.1},
+            kwargs={"where": endpoint},
         )
         listening.start()
         while "does a session run there" not in caplog.text:

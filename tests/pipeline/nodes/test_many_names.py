@@ -7,9 +7,9 @@ from pathlib import Path
 from pipeline.messages import Message, ModalEstimate, StreamEnd, WindowRejected
 from pipeline.nodes.by_turbine import LimitedMembers, NodeByTurbine
 from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.limits import LimitSettings
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.windows.block_admission import LimitSettings
 from pipeline.runtime.snapshots import SnapshotFolder
 from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import LAYOUT, block, rejection

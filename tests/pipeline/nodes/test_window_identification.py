@@ -9,9 +9,9 @@ import pytest
 
 from pipeline.messages import ModalEstimate, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.limits import LimitSettings
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.windows.block_admission import LimitSettings
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.arrays import FloatArray
 from tests.pipeline.nodes.test_identification import LAYOUT, RATE, cut

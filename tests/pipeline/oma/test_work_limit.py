@@ -4,12 +4,12 @@ from itertools import count
 
 import pytest
 
-from pipeline.oma.work_limit import WorkLimitExceeded, checkpoint, working_for
+from pipeline.oma.work_limit import CpuLimit, WorkLimitExceeded, checkpoint, working_within
 
 
 def test_work_within_its_time_goes_on_and_beyond_it_is_given_up() -> None:
     seconds = count()
-    with working_for(3.5, lambda: float(next(seconds))):  # begins at 0
+    with working_within(CpuLimit(3.5, lambda: float(next(seconds)))):  # begins at 0
         for _ in range(3):
             checkpoint()
         with pytest.raises(WorkLimitExceeded):

@@ -17,7 +17,7 @@ def test_earlier_recordings_are_read_where_snapshots_are_kept(
     """Estimates that no snapshot has answered may stand in them; without snapshots, none can."""
     made: list[object] = []
     monkeypatch.setattr(updaters, "latest_estimates", lambda files, _: tuple(files))
-    monkeypatch.setattr(Turbines, "_updating_of", lambda *_: None)
+    monkeypatch.setattr(Turbines, "_made", lambda *_: None)
     monkeypatch.setattr(
         updaters,
         "UpdatingNode",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
-from pipeline.state.run_modes import combined_modes
+from pipeline.state.run_modes import CombinedTracks
 from sensors.acquisition.blocks import NANOSECONDS
 
 WINDOW = 600 * NANOSECONDS
@@ -29,7 +29,7 @@ def estimate(window: int, *modes: Mode, **changes: object) -> ModalEstimate:
 
 def test_a_track_is_one_mode_weighted_by_its_precision() -> None:
     windows = [estimate(0, mode("m1", 1.0, 0.1)), estimate(1, mode("m1", 1.3, 0.2))]
-    (combined,) = combined_modes(windows)
+    (combined,) = CombinedTracks(windows).modes()
     assert combined.frequency == pytest.approx((1.0 / 0.01 + 1.3 / 0.04) / (1 / 0.01 + 1 / 0.04))
     assert combined.frequency_std == pytest.approx((1 / 0.01 + 1 / 0.04) ** -0.5)
     assert combined.seen_in_windows == 2
@@ -38,7 +38,7 @@ def test_a_track_is_one_mode_weighted_by_its_precision() -> None:
 
 def test_windows_that_overlap_count_their_samples_once() -> None:
     same = [estimate(k, mode("m1", 1.0, 0.1), weight=0.1) for k in range(10)]
-    (combined,) = combined_modes(same)
+    (combined,) = CombinedTracks(same).modes()
     assert combined.frequency_std == pytest.approx(0.1)
 
 
@@ -69,7 +69,7 @@ def posterior(*pairs: ModePair) -> FoundationPosterior:
 def test_a_paired_mode_goes_by_the_models_name() -> None:
     pair = ModePair("m2", "5", 1.1, 0.001, 1.0997, 0.999, shape_used=True)
     window = estimate(0, mode("m1", 0.5, 0.1), mode("m2", 1.1, 0.1))
-    named = [each.as_json() for each in combined_modes([window], posterior(pair))]
+    named = [each.as_json() for each in CombinedTracks([window]).modes(posterior(pair))]
     assert [each["name"] for each in named] == ["m1", "5"]
     assert [each["model_frequency_hz"] for each in named] == [None, 1.0997]
     assert [each["mac_to_model"] for each in named] == [None, 0.999]
@@ -80,7 +80,7 @@ def test_two_modes_that_cannot_be_separated_go_by_their_shapes() -> None:
     fore = replace(mode("m2", 0.158, 0.001, pair_id="p"), shape=np.array([1.0, -0.1]))
     pair = ModePair("m1+m2", "2", 0.158, 0.001, 0.1586, float("nan"), shape_used=False)
     entries = [
-        each.as_json() for each in combined_modes([estimate(0, side, fore)], posterior(pair))
+        each.as_json() for each in CombinedTracks([estimate(0, side, fore)]).modes(posterior(pair))
     ]
     assert [each["pair_id"] for each in entries] == ["p", "p"]
     assert [each["name"] for each in entries] == ["1", "2"]
@@ -93,11 +93,11 @@ def test_of_a_rough_model_the_farther_mode_is_found_by_its_shape_too() -> None:
     side = replace(mode("m1", 0.155, 0.0005, pair_id="p"), shape=np.array([0.03, 1.0]))
     fore = replace(mode("m2", 0.155, 0.0005, pair_id="p"), shape=np.array([1.0, -0.03]))
     pair = ModePair("m1+m2", "1", 0.155, 0.0005, 0.1573, 1.0, shape_used=False)
-    combined = combined_modes([estimate(0, side, fore)], posterior(pair))
+    combined = CombinedTracks([estimate(0, side, fore)]).modes(posterior(pair))
     assert [each.name for each in combined] == ["1", "2"]
     assert [each.pair.mac for each in combined if each.pair] == pytest.approx([1 / 1.0009] * 2)
 
 
 def test_an_unknown_std_is_null_and_not_nan() -> None:
-    (combined,) = combined_modes([estimate(0, mode("m1", 1.0, float("nan")))])
+    (combined,) = CombinedTracks([estimate(0, mode("m1", 1.0, float("nan")))]).modes()
     assert combined.as_json()["frequency_std_hz"] is None

@@ -24,7 +24,7 @@ def test_summary_status_and_report_are_functions_of_one_state() -> None:
     run = folded()
     (turbine,) = run.turbines
     summary = run_figures(run, turbine, source="replay:x")
-    assert summary == turbine_figures(run, turbine, source="replay:x")
+    assert summary == {"source": "replay:x"} | turbine_figures(run, turbine)
     assert summary == run_figures(run, turbine, source="replay:x")  # asked again, nothing moves
     answer = status_figures(run, START_NS)
     assert answer["books"] == summary["books"]
@@ -128,3 +128,11 @@ def test_a_block_that_comes_again_counts_again_unless_it_is_asked_otherwise() ->
             run.fold(block(number))
         counts.append(run.turbine("t1").published)
     assert counts == [3, 2]
+
+
+def test_late_blocks_and_those_of_a_unit_that_starts_again_under_its_name_count() -> None:
+    run = RunState(once=True)
+    again = [replace(block(n), start_ns=block(100 + n).start_ns) for n in (0, 1)]
+    for each in (*map(block, (0, 1, 3, 2, 2)), *again, again[1]):
+        run.fold(each)
+    assert run.published == 6

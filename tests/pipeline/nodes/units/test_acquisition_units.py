@@ -7,13 +7,13 @@ import pytest
 
 from pipeline.nodes.units.acquisition_units import (
     AcquisitionUnit,
-    Boot,
     UnitBlock,
     UnitSession,
     read_back,
 )
-from pipeline.nodes.window_identification import WindowContext
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.window_identification import WindowContext
+from pipeline.oma.windows.block_admission import Boot
 from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockMark
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout

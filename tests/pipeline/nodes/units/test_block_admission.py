@@ -17,13 +17,15 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.identification import IdentificationNode
-from pipeline.nodes.limits import TOO_MANY_CHANNELS, LimitError, LimitSettings
-from pipeline.nodes.units.block_admission import (
+from pipeline.oma.windows.block_admission import (
     CONFLICT,
     OTHER_SESSION,
     REPEATED,
     STUBBORN,
+    TOO_MANY_CHANNELS,
     BlockAdmission,
+    LimitError,
+    LimitSettings,
     refusal_of,
 )
 from pipeline.runtime.snapshots import SnapshotFolder

@@ -6,10 +6,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from pipeline.nodes.units.acquisition_units import Boot, UnitBlock
+from pipeline.nodes.units.acquisition_units import UnitBlock
 from pipeline.nodes.units.joined_session import JoinedSession
-from pipeline.nodes.window_identification import WindowContext
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.window_identification import WindowContext
+from pipeline.oma.windows.block_admission import Boot
 from pipeline.oma.windows.windowing import Beginning
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout

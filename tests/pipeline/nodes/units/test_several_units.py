@@ -249,6 +249,18 @@ def test_every_window_has_one_fate_whenever_the_layouts_come(blocks, layouts_at)
 
 
 @pytest.mark.usefixtures("digests")
+def test_blocks_of_joined_units_stay_counted_when_their_session_ends(blocks) -> None:
+    units = two_units()
+    heard = list(with_end(read_by_units(blocks[:130], LAYOUT, units)))
+    late, again = heard[40], heard[100]
+    sent = [*heard[:40], *heard[41:90], late, *heard[90:102], again, *heard[102:]]
+    node = IdentificationNode(replace(SETTINGS, window_duration=60, hop=60))
+    for message in (*unit_layouts(LAYOUT, units), *sent):
+        list(node.handle(message))
+    assert (node.statistics.late, node.statistics.duplicate) == (1, 1)
+
+
+@pytest.mark.usefixtures("digests")
 @pytest.mark.parametrize("n_strays", [1, 10])
 def test_blocks_of_a_unit_without_a_layout_end_no_window(blocks, n_strays: int) -> None:
     """One name that is spelt wrong must not end the window of the unit that is there."""

@@ -20,14 +20,11 @@ from tests.pipeline.oma.conftest import KnownStructure
 RATE = 40.0
 
 
-@pytest.mark.parametrize("high_passed", [False, True])
 @pytest.mark.parametrize("decimation", [1, 4, 8])
-def test_the_length_of_a_bands_record_is_known_beforehand(
-    decimation: int, high_passed: bool
-) -> None:
+def test_the_length_of_a_bands_record_is_known_beforehand(decimation: int) -> None:
     for n in (10, 97, 1000, 4321):
-        band = decimated(np.ones((n, 2)), decimation, high_passed=high_passed)
-        assert len(band) == n_decimated(n, decimation, high_passed=high_passed)
+        band = decimated(np.ones((n, 2)), decimation)
+        assert len(band) == n_decimated(n, decimation)
 
 
 def test_the_high_pass_is_flat_shut_and_symmetric() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.ssi.covariance import block_hankel, lag_covariances, lagged_products
+from pipeline.oma.ssi.ssi_cov import block_hankel, lag_covariances, lagged_products
 
 
 def samples(n: int = 500, n_channels: int = 3, seed: int = 4) -> np.ndarray:

@@ -10,7 +10,7 @@ from pipeline.app import Outputs, build
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
-from pipeline.oma.ssi.covariance import (
+from pipeline.oma.ssi.ssi_cov import (
     ALL,
     references_among,
     settings_for_channels,

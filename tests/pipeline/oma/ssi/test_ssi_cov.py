@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from pipeline.oma.ssi.covariance import LagCovariances, block_hankel, lag_covariances
 from pipeline.oma.ssi.ssi_cov import (
     HankelOperator,
+    LagCovariances,
+    block_hankel,
+    lag_covariances,
     leading_singular_triplets,
     signal_subspace,
     system_modes,

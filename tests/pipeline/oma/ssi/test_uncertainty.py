@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 
 from pipeline.modal_assurance import modal_phase_collinearity, normalised_with_deviations
-from pipeline.oma.ssi.covariance import LagCovariances, lag_covariances
-from pipeline.oma.ssi.ssi_cov import SignalSubspace, SystemModes, signal_subspace, system_modes
+from pipeline.oma.ssi.ssi_cov import (
+    LagCovariances,
+    SignalSubspace,
+    SystemModes,
+    lag_covariances,
+    signal_subspace,
+    system_modes,
+)
 from pipeline.oma.ssi.uncertainty import (
     frequency_damping_deviations,
     order_deviations,

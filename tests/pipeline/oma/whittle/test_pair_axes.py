@@ -10,7 +10,7 @@ from pipeline.oma.whittle.groups import Group, Suspect, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.pair_axes import _turn
 from pipeline.oma.whittle.spectral_model import CloseModes, n_inner
-from pipeline.oma.whittle.spectral_peaks import peaks_of_two
+from pipeline.oma.whittle.unseen_modes import peaks_of_two
 from sensors.arrays import FloatArray
 from tests.benchmarks.close_modes import ambient
 

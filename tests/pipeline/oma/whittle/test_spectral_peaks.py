@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
-from pipeline.oma.whittle.spectral_peaks import _peaks
+from pipeline.oma.whittle.unseen_modes import _peaks
 
 RATE = 10.0
 

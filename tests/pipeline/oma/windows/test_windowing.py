@@ -33,7 +33,7 @@ def test_a_block_that_is_late_by_less_than_the_lateness_is_waited_for() -> None:
     given = [each for number in (0, 2, 3, 1, 4) for each in order.push(block(number))]
     assert [each.first_sample for each in given] == [40 * number for number in range(5)]
     assert not any(isinstance(each, MissingSamples) for each in given)
-    assert order.late == 0
+    assert order.unused["late"] == 0
 
 
 def test_a_gap_has_as_many_blocks_as_are_missing() -> None:

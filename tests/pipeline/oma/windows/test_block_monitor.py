@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from pipeline.oma.data_quality.block_monitor import BlockMonitor
+from pipeline.oma.windows.unit_clock import BlockMonitor
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import block
 

@@ -1,8 +1,9 @@
 """Cut ordered blocks into windows; identify each or reject it with a reason."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,12 +15,11 @@ from pipeline.messages import (
     UnitOrigin,
     WindowRejected,
 )
-from pipeline.nodes.limits import CpuLimit, WindowWork
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.preprocessing import MOST_MISSING
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.covariance import settings_for_channels
+from pipeline.oma.ssi.ssi_cov import settings_for_channels
 from pipeline.oma.ssi.stabilization import stabilisation_diagram
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
 from pipeline.oma.windows.unit_clock import (
@@ -27,7 +27,14 @@ from pipeline.oma.windows.unit_clock import (
     ClockStep,
     text_of_step,
 )
-from pipeline.oma.windows.windowing import MissingSamples, Window, WindowCutter
+from pipeline.oma.windows.windowing import (
+    Beginning,
+    BlockOrder,
+    MissingSamples,
+    Window,
+    WindowCutter,
+)
+from pipeline.oma.work_limit import CpuLimit, WorkLimitExceeded, working_within
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -49,6 +56,12 @@ class WindowContext:
     """Of a window by SCADA."""
     limit: CpuLimit | None = None
     """What a window may cost; None: whatever it does."""
+    unused: Counter[str] = field(default_factory=Counter)
+    """Blocks of all sessions that came too late or twice: see `BlockOrder`."""
+
+    def order(self, beginning: Beginning) -> BlockOrder:
+        """Return the order of a unit's blocks from where they are expected to begin."""
+        return BlockOrder(self.settings.lateness, beginning, self.unused)
 
 
 class WindowIdentification:
@@ -75,7 +88,7 @@ class WindowIdentification:
         columns: ColumnsOfUnits | None = None,
     ) -> None:
         settings = context.settings
-        self._work = WindowWork(context.limit)
+        self._limit = context.limit
         self._turbine, self._unit = turbine, unit
         self._origins_of = origins
         self._rotor_speed_of = context.rotor_speed
@@ -154,24 +167,28 @@ class WindowIdentification:
         missing = self._missing_units(window)
         refusal = self._refusal(window, missing)
         if refusal is not None:
-            self._work.refusal()
             yield self._rejected(window, refusal)
             return
         present = self._present(window, missing)
         names = self._names(window)
-        result = None
-        with self._work.counted():
-            if not self._work.exceeded:
+        try:
+            with working_within(self._limit):
                 result = self._identified(window, names, present if missing else None)
-        refusal = self._work.refusal()
-        if refusal is not None:
-            yield self._rejected(window, refusal)
+        except WorkLimitExceeded:
+            yield self._rejected(window, self._too_much_work())
             return
-        assert result is not None
         answer = self._answer(window, result, missing, present)
         yield answer
         if isinstance(answer, ModalEstimate):
             yield stabilisation_diagram(answer, result.diagrams, result.refused)
+
+    def _too_much_work(self) -> QualityWarning:
+        assert self._limit is not None
+        return QualityWarning(
+            "too-much-work",
+            f"identification took more than {self._limit.seconds:g} s of CPU time and was given "
+            "up ([limits] cpu_seconds): fewer channels, a lower rate or a higher limit are needed",
+        )
 
     def _answer(
         self, window: Window, result: Identification, missing: dict[str, float], present: list[int]

@@ -9,21 +9,30 @@ that starts again, under a new session's name or the same, is followed after fiv
 where the end of its session was announced. Its starts under one session's name are its boots.
 
 A boot that goes on although another one has started since is another device under the same name:
-the first one's blocks are used, the other's are refused while the first one sends.
+the first one's blocks are used, the other's are refused while the first one sends. What is beyond
+[limits] is refused too, so that no unit costs the others' windows.
 """
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pipeline.messages import QualityWarning
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR
 from pipeline.oma.windows.windowing import Beginning
-from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock, BlockMark
+from sensors.acquisition.blocks import (
+    CLOCK_STEP,
+    AccelerationBlock,
+    BlockMark,
+    Sampled,
+    time_apart,
+)
 from sensors.bounded_dict import BoundedDict
+from sensors.errors import InputError
+from sensors.settings import NO_KEY
 
 STUBBORN = 5  # blocks on end that follow each other and not the last one taken
 MOST_CANDIDATES = 4  # sessions whose blocks are held
@@ -44,9 +53,89 @@ LAYOUT = "not-its-layout"
 UNITS = "cannot-be-joined"
 NO_LAYOUT = "no-layout"
 SECOND = "second-device"
+TOO_LARGE = "window-too-large"
+TOO_MANY_CHANNELS = "too-many-channels"
+TOO_FAST = "sampled-too-fast"
+TOO_LARGE_BLOCK = "block-too-large"
 
 
-BootKey = tuple[str, int]  # session, starts under its name before
+class Boot(NamedTuple):
+    """A start of a unit."""
+
+    session: str
+    number: int
+    """Starts under that session's name before it."""
+
+
+class LimitError(InputError):
+    """A limit that cannot be right; the message names it."""
+
+
+@dataclass(frozen=True, slots=True)
+class LimitSettings:
+    """Section [limits]: what is beyond them is recorded, counted and not identified."""
+
+    channels: int = 100
+    """Of a unit: the time for a window grows with their square."""
+    sampling_rate: float = field(default=10_000.0, metadata=NO_KEY)
+    """Of a unit [Hz]: faster is no vibration of a tower."""
+    block_megabytes: float = 5.0
+    """Samples of one block [10⁶ bytes]."""
+    cpu_seconds: float = 120.0
+    """For the identification of a window, in a run [s]; beyond, the window is rejected."""
+    window_values: float = 1e7
+    """Samples × channels of a window, of some 40 bytes while it is identified: sixteen channels
+    at 1 kHz over ten minutes."""
+    units: int = 16
+    """Names of units of a turbine."""
+    turbines: int = 300
+    """Names of turbines; an updater of each holds 3 MB."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if not value > 0:
+                raise LimitError(f"[limits] {each.name} is {value:g}; it must be > 0")
+
+
+DEFAULT_LIMITS = LimitSettings()
+
+
+def window_refusal(
+    block: AccelerationBlock, duration: float, limits: LimitSettings = DEFAULT_LIMITS
+) -> QualityWarning | None:
+    """Return why a window of such blocks cannot be identified; None where it can.
+
+    Parameters
+    ----------
+    duration : float
+        Of a window [s].
+    """
+    n_channels, rate = block.samples.shape[1], block.sampling_rate
+    if n_channels > limits.channels:
+        return QualityWarning(
+            TOO_MANY_CHANNELS,
+            f"{n_channels} channels; a unit has at most {limits.channels} that are identified "
+            "([limits] channels)",
+        )
+    n_values = duration * rate * n_channels
+    if n_values > limits.window_values:
+        return QualityWarning(
+            TOO_LARGE,
+            f"a window of {duration:g} s would hold {n_values:.3g} values at {rate:g} Hz; at most "
+            f"{limits.window_values:g} are held ([limits] window_values)",
+        )
+    if rate > limits.sampling_rate:
+        return QualityWarning(
+            TOO_FAST, f"{rate:g} Hz; at most {limits.sampling_rate:g} Hz are identified"
+        )
+    if block.samples.nbytes > 1e6 * limits.block_megabytes:
+        return QualityWarning(
+            TOO_LARGE_BLOCK,
+            f"a block of {1e-6 * block.samples.nbytes:.1f} MB; at most {limits.block_megabytes:g} "
+            "MB are identified",
+        )
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +154,14 @@ class BlockAdmission:
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()  # blocks, by the reason's code
         self.last_refusal = ""  # what was wrong with the last one that was held or refused
-        self.boot = 0  # starts under the present session's name before this one
         self.conflicts: list[int] = []  # first samples that came with two contents in this boot
         self.sequence_jumps = 0  # block numbers that jumped where samples did not
         self._boots = BoundedDict[str, int](MOST_SESSION_NAMES)  # by session's name
-        self._over: dict[BootKey, BlockMark] = {}  # last block taken of boots before this one
-        self._second: set[BootKey] = set()  # of them, those of a second device
+        self._over: dict[Boot, BlockMark] = {}  # last block taken of boots before this one
+        self._second: set[Boot] = set()  # of them, those of a second device
         self._began_ns = 0  # stamp with which the present boot began
         self._last: BlockMark | None = None
+        self._number = 0  # starts under the present session's name before this one
         self._ended = False  # the end of the present session was announced
         self._held: dict[str, list[AccelerationBlock]] = {}  # by session, in their order
         self._refused_lately = BoundedDict[str, list[AccelerationBlock]](MOST_CANDIDATES)
@@ -84,6 +173,11 @@ class BlockAdmission:
     def session(self) -> str | None:
         """Name of the present session; None before the first block."""
         return None if self._last is None else self._last.session
+
+    @property
+    def boot(self) -> Boot:
+        """The present one."""
+        return Boot(self.session or "", self._number)
 
     def admit(self, block: AccelerationBlock, refusal: QualityWarning | None = None) -> Admission:
         """Take a block as it arrives.
@@ -134,7 +228,7 @@ class BlockAdmission:
     def state(self) -> dict[str, Any]:
         """Return what a restart needs, as JSON can say it."""
         return {
-            "boot": self.boot,
+            "boot": self._number,
             "boots": dict(self._boots),
             "last": None if self._last is None else asdict(self._last),
             "began_ns": self._began_ns,
@@ -143,14 +237,14 @@ class BlockAdmission:
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Go on from what `state` gave."""
-        self.boot = int(state["boot"])
+        self._number = int(state["boot"])
         self._boots.update(state["boots"])
         self._last = None if state["last"] is None else BlockMark(**state["last"])
         self._began_ns = int(state.get("began_ns", 0))
         for session, boot, mark, second in state.get("over", ()):
-            self._over[session, boot] = BlockMark(**mark)
+            self._over[Boot(session, boot)] = BlockMark(**mark)
             if second:
-                self._second.add((session, boot))
+                self._second.add(Boot(session, boot))
 
     def begin_after(self, mark: BlockMark) -> None:
         """Expect the block with that mark, or one that follows it."""
@@ -159,9 +253,9 @@ class BlockAdmission:
     def _with_held(self, block: AccelerationBlock) -> tuple[AccelerationBlock, ...]:
         """A block that follows, with those of its session that are held and lie beside it."""
         held = self._held.pop(block.session, [])
-        if held and held[0].first_sample == BlockMark.of(block).next_sample:
+        if held and held[0].first_sample == block.next_sample:
             return (block, *held)
-        beside = bool(held) and BlockMark.of(held[-1]).next_sample == block.first_sample
+        beside = bool(held) and held[-1].next_sample == block.first_sample
         if beside and self._goes_on(held[0]):
             return (*held, block)  # a clock was set, by as much as stamps may be off just now
         self._refuse_all(held)
@@ -177,7 +271,7 @@ class BlockAdmission:
         held = self._held.get(block.session)
         if against is not None or not held:
             return against
-        if _tight(BlockMark.of(held[-1]), block) and not _tight(self._last, block):
+        if _tight(held[-1], block) and not _tight(self._last, block):
             return QualityWarning(UNFIT, "its stamps go on from those of blocks that do not follow")
         return None
 
@@ -231,14 +325,14 @@ class BlockAdmission:
         of_the_past = self._is_over(held[-1].session) and latest < self._last.end_ns
         return RETURNING if of_the_past and held[0].sequence > 0 else STUBBORN
 
-    def _boot_over(self, block: AccelerationBlock) -> BootKey | None:
+    def _boot_over(self, block: AccelerationBlock) -> Boot | None:
         """Return which boot before this one a block follows, by number and by stamp."""
         following = [
             (abs(since - clock), key)
             for key, mark in self._over.items()
             if key[0] == block.session and block.first_sample >= mark.next_sample
             if _tight(mark, block)
-            for since, clock in [_apart(mark, block)]
+            for since, clock in [time_apart(mark, block)]
         ]
         return min(following)[1] if following else None
 
@@ -256,7 +350,7 @@ class BlockAdmission:
         chain: list[AccelerationBlock] = []
         for block in sorted(refused, key=lambda each: -each.first_sample):
             following = (chain or found)[0] if found else None
-            if following is None or BlockMark.of(block).next_sample != following.first_sample:
+            if following is None or block.next_sample != following.first_sample:
                 break
             chain.insert(0, block)
         self.refused.subtract(self._code_of(block) for block in chain)
@@ -306,20 +400,19 @@ class BlockAdmission:
         name, last = blocks[0].session, self._last
         over = self._boot_over(blocks[0])
         if last is not None:
-            present = (last.session, self.boot)
-            self._over[present] = last
+            self._over[self.boot] = last
             if over is not None and blocks[-1].start_ns > self._began_ns:
-                self._second.add(present)
+                self._second.add(self.boot)
         if over is not None:
             mark = self._over.pop(over)
             self._second.discard(over)
-            self.boot = over[1]
+            self._number = over.number
             return Beginning(mark.next_sample, mark.sequence + 1)
         for oldest in list(self._over)[:-MOST_BOOTS_OVER]:
             del self._over[oldest]
             self._second.discard(oldest)
-        self.boot = self._boots.pop(name, -1) + 1
-        self._boots[name] = self.boot
+        self._number = self._boots.pop(name, -1) + 1
+        self._boots[name] = self._number
         if last is None or last.session != name or blocks[0].sequence <= last.sequence:
             return Beginning()
         # another rate or shape within the numbers of one boot
@@ -368,20 +461,14 @@ def refusal_of(last: BlockMark, block: AccelerationBlock) -> QualityWarning | No
         )
     if block.first_sample == last.next_sample or _tight(last, block):
         return None
-    since, clock = _apart(last, block)
+    since, clock = time_apart(last, block)
     return QualityWarning(
         UNFIT, f"{since:g} s after the last one by its samples, {clock:g} s by its clock"
     )
 
 
-def _apart(last: BlockMark, block: AccelerationBlock) -> tuple[float, float]:
-    """Time between two blocks by samples and by stamps [s]."""
-    since = (block.first_sample - last.first_sample) / last.sampling_rate
-    return since, (block.start_ns - last.start_ns) / NANOSECONDS
-
-
-def _tight(last: BlockMark, block: AccelerationBlock) -> bool:
+def _tight(last: Sampled, block: AccelerationBlock) -> bool:
     """Whether stamps and samples agree on the time between two blocks."""
-    since, clock = _apart(last, block)
+    since, clock = time_apart(last, block)
     few = max(abs(since), abs(clock)) * last.sampling_rate <= MOST_SKIPPED
     return few and abs(clock - since) <= CLOCK_STEP + CLOCK_ERROR * abs(since)
