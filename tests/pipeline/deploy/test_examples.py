@@ -115,7 +115,8 @@ def test_two_hosts_share_a_farm_through_the_shores_router(tmp_path: Path) -> Non
         ]
         for shard in shards:
             shard.start()
-            stack.callback(shard.stop)
+            stack.callback(shard.join, 10.0)
+            stack.callback(shard.ask_to_stop)
         ready: set[str] = set()
         while len(ready) < 2:
             ready.update(each.node for each in take(statuses, 1))
