@@ -1,14 +1,14 @@
 """Natural frequencies and mode shapes, as accelerometers read them, for many foundations at once.
 
-The structure separates into groups (see `whole`). In a basis of a group's mass-normalised modes at
-a reference θ the springs' change ΔS is all that changes with θ, and it acts on the mudline's two
-coordinates y of each plane:
+The structure separates into groups (see `full_model_modes`). In a basis of a group's
+mass-normalised modes at a reference θ the springs' change ΔS is all that changes with θ, and it
+acts on the mudline's two coordinates y of each plane:
 
     K(θ) = Λ + Yᵀ ΔS Y,   Y = mudline rows of the basis
 
 Modes to beyond the highest frequency that is followed, completed by the static and the first
 dynamic response to mudline loads (residual attachment vectors), represent every θ of the prior
-box; `mudline` solves what remains.
+box; `mudline_condensation` solves what remains.
 """
 
 from collections.abc import Sequence
@@ -134,7 +134,7 @@ def _reduced_group(
 ) -> _ReducedGroup | None:
     """The group's reduced model, at the θ of the reference; None where it has no mode to follow."""
     mass, stiffness = basis.T @ model.mass @ basis, basis.T @ model.stiffness @ basis
-    flexibilities, vectors = eigh(mass, stiffness)  # for 1/ω², as in `whole`
+    flexibilities, vectors = eigh(mass, stiffness)  # for 1/ω², as of the full model
     squares, vectors = 1 / flexibilities[::-1], (vectors / np.sqrt(flexibilities))[:, ::-1]
     overlap = np.abs(reference.vectors.T @ model.mass @ basis @ vectors)
     outputs = np.flatnonzero(overlap.max(axis=1) > 0.5)  # 1, or 0 for modes of other groups

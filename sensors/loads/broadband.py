@@ -22,8 +22,8 @@ class BroadbandLoad:
     """White load in both horizontal directions, independent from node to node.
 
     The total over n nodes has the stated rms in each direction, so a node has rms / √n. The
-    series is white; a structure that feels it as straight lines between its samples (`response`)
-    feels 0.29 dB less at 12 Hz.
+    series is white; a structure that feels it as straight lines between its samples
+    (`modal_response`) feels 0.29 dB less at 12 Hz.
     """
 
     tower_rms: float = 50e3

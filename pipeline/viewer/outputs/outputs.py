@@ -72,7 +72,7 @@ ViewerOutput = RrdFile | SpawnedViewer | ConnectedViewer
 
 @dataclass(frozen=True, slots=True)
 class WebPage:
-    """A page to be served to browsers on this machine; `viewer_process.served_page` does it.
+    """A page to be served to browsers on this machine; `viewer_process.serve_page` does it.
 
     Ports in use are replaced by free ones.
     """

@@ -1,6 +1,6 @@
 """Response of a structure with any damping, which may change with time, and what is read of it.
 
-Exact for forces that run straight from sample to sample, like `response`.
+Exact for forces that run straight from sample to sample, like `modal_response`.
 """
 
 import numpy as np
