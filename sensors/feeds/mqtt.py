@@ -69,6 +69,8 @@ class Reader(Protocol):
 class SocketReading:
     """Leaves messages with the broker while too many wait: aiomqtt would drop or gather them.
 
+    It reaches into aiomqtt, hence the narrow version range in pyproject.toml.
+
     connection   an aiomqtt client that is not connected yet
     """
 
