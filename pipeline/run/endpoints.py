@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.monitoring.status import ENDPOINT_FILE, StatusNode
-from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint, peer_of
-from pipeline.transport.zenoh_settings import ANY_LOCAL_PORT
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,28 +20,24 @@ class ZenohEndpoints:
 
 
 def meeting_point(settings: ZenohSettings) -> ZenohEndpoints:
-    """peer: the hub listens and the nodes find it and each other; router: the nodes are clients of
-    the hub, which routes between them and everybody else; client: all are clients of one router.
+    """The nodes are clients of the hub, which routes between them and everybody else; where the hub
+    is a client, all are clients of one router.
+
+    A client connects again to its one link when that is lost. Two peers that found each other
+    through a third do not, as long as their links to the third hold: of a machine that had no time
+    for ten seconds a recorder missed all later posteriors.
 
     Raises TransportError for a configuration file that is none.
     """
-    match settings.role:
-        case "client":
-            return ZenohEndpoints(settings, settings, next(iter(settings.endpoints), ""))
-        case "router":
-            local = free_endpoint()
-            nodes = ZenohSettings(mode="client", connect=(local,))
-            return ZenohEndpoints(replace(settings, local=local), nodes, local)
-        case _ if settings.config_file is not None:
-            local = free_endpoint()
-            nodes = replace(
-                settings, listen=(ANY_LOCAL_PORT,), connect=(*settings.endpoints, local)
-            )
-            return ZenohEndpoints(replace(settings, local=local), nodes, local)
-        case _:
-            endpoint = settings.listen[0] if settings.listen else free_endpoint()
-            hub = replace(settings, listen=settings.listen or (endpoint,))
-            return ZenohEndpoints(hub, peer_of(endpoint), endpoint)
+    if settings.role == "client":
+        return ZenohEndpoints(settings, settings, next(iter(settings.endpoints), ""))
+    if settings.role == "peer" and settings.config_file is None:
+        endpoint = settings.listen[0] if settings.listen else free_endpoint()
+        hub = replace(settings, listen=settings.listen or (endpoint,))
+    else:
+        endpoint = free_endpoint()
+        hub = replace(settings, local=endpoint)
+    return ZenohEndpoints(hub, ZenohSettings(mode="client", connect=(endpoint,)), endpoint)
 
 
 @contextmanager

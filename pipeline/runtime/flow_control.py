@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from pipeline.messages import MessageCount, NodeStatus
 from sensors.acquisition.blocks import AccelerationBlock
@@ -82,6 +83,19 @@ def _taken(status: NodeStatus) -> tuple[MessageCount, ...]:
     return tuple(each for each in status.received if each.message != NodeStatus.__name__)
 
 
+@dataclass(frozen=True, slots=True)
+class Unarrived:
+    """Messages of one type that a node has not handled, of all that were published."""
+
+    node: str
+    message: str
+    missing: int
+    published: int
+
+    def __str__(self) -> str:
+        return f"{self.node} has not received {self.missing} of {self.published} {self.message}"
+
+
 def is_drained(statuses: Iterable[NodeStatus], consumers: Mapping[str, Sequence[type]]) -> bool:
     """Whether every message that was published has been handled by every node that takes it.
 
@@ -94,14 +108,22 @@ def is_drained(statuses: Iterable[NodeStatus], consumers: Mapping[str, Sequence[
     the source, which has ended. Blocks known to be lost count as handled.
     """
     latest = {status.node: status for status in statuses}
-    if not latest.keys() >= consumers.keys():
-        return False
-    return all(
-        _handled(latest[node], message_type) >= _published(latest.values(), message_type)
-        for node, message_types in consumers.items()
-        for message_type in message_types
-        if message_type is not NodeStatus
-    )
+    return latest.keys() >= consumers.keys() and not unarrived(latest.values(), consumers)
+
+
+def unarrived(
+    statuses: Iterable[NodeStatus], consumers: Mapping[str, Sequence[type]]
+) -> list[Unarrived]:
+    """Return what nodes that have reported lack; see `is_drained`."""
+    latest = {status.node: status for status in statuses}
+    found = []
+    for node in latest.keys() & consumers.keys():
+        for message_type in consumers[node]:
+            published = _published(latest.values(), message_type)
+            missing = published - _handled(latest[node], message_type)
+            if missing > 0 and message_type is not NodeStatus:
+                found.append(Unarrived(node, message_type.__name__, missing, published))
+    return sorted(found, key=lambda each: (each.node, each.message))
 
 
 def _published(statuses: Iterable[NodeStatus], message_type: type) -> int:

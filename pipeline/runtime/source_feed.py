@@ -1,5 +1,7 @@
 """The source's side of a run: what it publishes, and when all of it has been handled."""
 
+import logging
+import math
 import threading
 import time
 from collections import Counter
@@ -9,14 +11,18 @@ from typing import Protocol
 
 from pipeline.messages import Message, NodeStatus, StreamEnd, message_counts
 from pipeline.runtime.errors import NodeFailed
-from pipeline.runtime.flow_control import Credit, Quiet, is_drained
+from pipeline.runtime.flow_control import Credit, Quiet, is_drained, unarrived
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.boots import BootCounter
 from sensors.intervals import Intervals
 
+logger = logging.getLogger(__name__)
+
 START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports for seconds
 FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
+GIVEN_UP_AFTER = 30.0  # of quiet, what has not arrived; a cut link comes back in seconds [s]
+REPORTING = 5.0  # since its last status a node may be waiting; one that computes says nothing [s]
 STOPPED_WITHIN = 7.0  # all nodes, together; what remains of ten seconds is the summary's [s]
 SOURCE = "source"
 
@@ -79,6 +85,8 @@ class SourceFeed:
         self._latest: dict[str, NodeStatus] = {}  # by node
         self._deaf: Callable[[], list[str]] = list  # nodes that receive nothing
         self._quiet = Quiet()
+        self._heard: dict[str, float] = {}  # by node, when [s, monotonic]
+        self._quiet_since: float | None = None  # while something is missing [s, monotonic]
 
     def wait_until_ready(self) -> None:
         """Return when every worker has subscribed. Raises NodeFailed after START_TIMEOUT."""
@@ -120,9 +128,21 @@ class SourceFeed:
         self.wait(lambda: self._all_handled(finished, consumers))
 
     def _all_handled(self, finished: NodeStatus, consumers: Mapping[str, Sequence[type]]) -> bool:
+        """Whether it has; or nothing has come for long, and what is missing is said."""
+        now = time.monotonic()
+        heard_all = all(now - self._heard.get(node, -math.inf) < REPORTING for node in consumers)
+        is_quiet = heard_all and self._quiet.of_all(consumers)
         if any(worker.restarts for worker in self._workers):  # their counts started again
-            return self._quiet.of_all(consumers)
-        return is_drained([finished, *self._latest.values()], consumers)
+            return is_quiet
+        statuses = [finished, *self._latest.values()]
+        if is_drained(statuses, consumers):
+            return True
+        self._quiet_since = (self._quiet_since or now) if is_quiet else None
+        if self._quiet_since is None or now - self._quiet_since < GIVEN_UP_AFTER:
+            return False
+        for each in unarrived(statuses, consumers):
+            logger.error("%s: the transport lost them; the run ends without", each)
+        return True
 
     def wait(self, condition: Callable[[], bool]) -> None:
         """Return when the condition on the workers' statuses holds.
@@ -138,6 +158,7 @@ class SourceFeed:
         while (status := self._inbox.get(timeout)) is not None:
             assert isinstance(status, NodeStatus)
             self._latest[status.node] = status
+            self._heard[status.node] = time.monotonic()
             self._quiet.note(status)
             timeout = 0
 

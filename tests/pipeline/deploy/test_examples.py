@@ -137,12 +137,15 @@ def test_a_session_in_any_mode_tells_its_nodes_how_to_find_it(tmp_path: Path) ->
     assert router.nodes == ZenohSettings(mode="client", connect=(router.endpoint,))
     peer = meeting_point(ZenohSettings())
     assert peer.hub.listen == (peer.endpoint,)
-    assert peer.nodes.connect == (peer.endpoint,)
+    assert peer.nodes == ZenohSettings(mode="client", connect=(peer.endpoint,))
     path = tmp_path / "peer.json5"
     path.write_text("{mode: 'peer', connect: {endpoints: ['tcp/127.0.0.1:3']}}")
     filed = meeting_point(ZenohSettings(config_file=path))
-    assert filed.nodes.connect == ("tcp/127.0.0.1:3", filed.endpoint)
-    assert bus_options(filed.nodes)[-2:] == ["--zenoh-config", str(path)]
+    assert filed.hub.endpoints == ("tcp/127.0.0.1:3",)
+    assert filed.hub.local == filed.endpoint
+    assert bus_options(filed.nodes) == ["--connect", filed.endpoint, "--mode", "client"]
+    given = bus_options(ZenohSettings(listen=("tcp/127.0.0.1:4",), config_file=path))
+    assert given == ["--listen", "tcp/127.0.0.1:4", "--zenoh-config", str(path)]
 
 
 def test_the_units_of_systemd_run_commands_that_exist() -> None:
