@@ -1,9 +1,11 @@
 """The bus over Zenoh: nodes in threads, in processes, on several machines.
 
-Every node has a session of its own. By default sessions are peers on this machine: no router,
-no multicast scouting, loopback only. One of them listens on an endpoint that the others know
-(`hub`); the others connect to it (`peer_of`), find each other by gossip and then talk
-directly. They may start in any order, and the hub may go: the others keep their links.
+Every node has a session of its own. By default sessions are on this machine: no router, no
+multicast scouting, loopback only. One of them, the hub, listens on an endpoint that the others know
+(`hub`). A run's own nodes are its clients (`run/endpoints.py`): a client opens its link again
+whenever it is lost. Others are peers (`peer_of`), which may start before the hub, find each other
+by gossip, talk directly and keep their links when the hub goes; but a link that two peers found
+by gossip stays lost while both have theirs to the hub.
 
 Zenoh drops samples where a link is cut or a reader too slow, so every publisher keeps the last
 `Stream.cached` samples of each key and reports its position twice a second; a subscriber asks
