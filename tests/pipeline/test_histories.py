@@ -7,7 +7,7 @@ from tests.pipeline.unit_histories import UnitHistory, violations
 
 FOUND_OF_UNITS = (4, 7, 17)  # seeds of two units that failed once
 FOUND_OF_DISTURBED_UNITS = (2010, 2021)
-FOUND = (80036, 80207, 80436, 80492, 80884, 100162, 110843, 120072)  # seeds that failed once
+FOUND = (80036, 80207, 80436, 80492, 80884, 100162, 110843, 120072, 613218)  # that failed once
 
 
 @pytest.mark.parametrize("seed", [*range(25), *FOUND])

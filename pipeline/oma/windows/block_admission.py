@@ -165,6 +165,7 @@ class BlockAdmission:
         self._ended = False  # the end of the present session was announced
         self._held: dict[str, list[AccelerationBlock]] = {}  # by session, in their order
         self._refused_lately = BoundedDict[str, list[AccelerationBlock]](MOST_CANDIDATES)
+        self._left_out: list[AccelerationBlock] = []  # of these, where a boot begins
         self._on_end: Counter[str] = Counter()  # blocks of a session that follow each other
         self._contents: dict[int, int] = {}  # first sample → hash of samples, of this boot
         self._samples: dict[int, int] = {}  # hash of samples → first sample
@@ -353,6 +354,7 @@ class BlockAdmission:
             if following is None or block.next_sample != following.first_sample:
                 break
             chain.insert(0, block)
+        self._left_out = [each for each in refused if not any(each is kept for kept in chain)]
         self.refused.subtract(self._code_of(block) for block in chain)
         self.refused += Counter()  # codes without a block go
         return tuple(chain)
@@ -414,10 +416,19 @@ class BlockAdmission:
         self._number = self._boots.pop(name, -1) + 1
         self._boots[name] = self._number
         if last is None or last.session != name or blocks[0].sequence <= last.sequence:
-            return Beginning()
+            return Beginning(refused=self._first_refused(blocks[0]))
         # another rate or shape within the numbers of one boot
         missing = (blocks[0].sequence - last.sequence - 1) * len(blocks[0].samples)
         return Beginning(max(0, blocks[0].first_sample - missing), last.sequence + 1)
+
+    def _first_refused(self, block: AccelerationBlock) -> int:
+        """Return how many blocks from a boot's first on were refused before the one it begins with:
+        a reboot, a cut a moment later, and a clock that was set meanwhile."""
+        count = 0
+        for each in sorted(self._left_out, key=lambda left: left.start_ns):
+            of_it = each.sequence == count < block.sequence and each.start_ns < block.start_ns
+            count += of_it
+        return count
 
     def _refuse(self, block: AccelerationBlock) -> None:
         code = self._code_of(block)

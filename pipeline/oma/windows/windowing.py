@@ -54,6 +54,8 @@ class Beginning:
     """Since the unit's start."""
     sequence: int = 0
     """Of its block."""
+    refused: int = 0
+    """First blocks that have come and are not used: recorded, and not missing."""
 
 
 class BlockOrder:
@@ -114,7 +116,8 @@ class BlockOrder:
 
     def _missing_before(self, block: AccelerationBlock) -> MissingSamples:
         n_samples = block.first_sample - self._next_sample
-        first_sequence = self._last.sequence + 1 if self._last else self._beginning.sequence
+        begins = self._beginning.sequence + self._beginning.refused
+        first_sequence = self._last.sequence + 1 if self._last else begins
         duration_ns = round(n_samples / block.sampling_rate * NANOSECONDS)
         return MissingSamples(
             first_sample=self._next_sample,
