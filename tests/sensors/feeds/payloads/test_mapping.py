@@ -316,3 +316,75 @@ def test_each_preset_reads_numbers_written_as_text(shape: Shape) -> None:
     expected = samples_of(pieces_of(messages, shape, FeedCounts()))
     assert found == {key: each for key, each in expected.items() if key[0] in shape.names}
     assert (counts.malformed, counts.lost) == (0, 0)
+
+
+FOUR = ("a.0", "a.1", "a.2", "a.3")
+
+
+def array_message(index: int, content: object) -> bytes:
+    """Of a digitiser that has four channels in one array and the time in ms."""
+    return encoded({"ts": time_ms(index), "no": index, "a": content})
+
+
+@pytest.mark.parametrize(
+    ("table", "listed"),
+    [
+        ({"values": "a"}, FOUR),
+        ({"values": "a", "names": list(FOUR)}, FOUR),
+        ({"values": "a", "names": ["w", "x", "y", "z"]}, ("w", "x", "y", "z")),
+        ({"values": "a", "names": ["a", "no", "y", "z"]}, ("a", "no", "y", "z")),
+        ({"values": "a", "rename": {"a.0": "ax"}}, ("ax", *FOUR[1:])),
+        ({"values": "a", "sampling_rate": 40.0}, FOUR),
+        ({"values": ""}, FOUR),
+    ],
+)
+def test_the_numbers_of_an_array_are_a_sample_of_as_many_channels(
+    table: dict[str, object], listed: tuple[str, ...]
+) -> None:
+    mapping = mapping_from_table({"time": "ts"} | table, "test")
+    reader = MappedReader(mapping, listed, FeedCounts())
+    pieces = [*reader.read(array_message(0, [1, 2, 3, None]), "x")]
+    pieces += [*reader.read(array_message(1, [5, 6, 7, 8]), "x")]
+    found = samples_of(pieces)
+
+    assert [found[name, time_ms(1) * 1_000_000] for name in listed] == [5, 6, 7, 8]
+    assert found[listed[0], time_ms(0) * 1_000_000] == 1
+
+
+def test_an_array_is_the_samples_of_the_channel_that_the_layout_calls_as_its_key() -> None:
+    mapping = mapping_from_table({"time": "ts", "values": "a", "sampling_rate": 40.0}, "test")
+    (piece,) = MappedReader(mapping, ("a",), FeedCounts()).read(array_message(0, [1, 2, 3]), "x")
+    assert (piece.names, piece.samples.tolist()) == (("a",), [[1], [2], [3]])
+
+
+@pytest.mark.parametrize("values", ["a", ""])
+def test_the_lists_of_an_array_are_the_samples_of_as_many_channels(values: str) -> None:
+    mapping = mapping_from_table({"time": "ts", "values": values, "sampling_rate": 40.0}, "test")
+    reader = MappedReader(mapping, ("a.0", "a.1"), FeedCounts())
+    pieces = list(reader.read(array_message(0, [[1, 2], [3, 4]]), "x"))
+    assert pieces[-1].names == ("a.0", "a.1")
+    assert pieces[-1].samples.tolist() == [[1, 3], [2, 4]]
+
+
+def test_one_number_without_a_name_is_of_the_channel_that_its_path_is() -> None:
+    reader = MappedReader(PayloadMapping(values=("a",)), ("a",), FeedCounts())
+    (piece,) = reader.read(array_message(0, 1.5), "x")
+    assert (piece.names, piece.samples.tolist()) == (("a",), [[1.5]])
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ({"values": ["a.0", "a.1"]}, "no values at a.0 or a.1"),
+        ({"values": "b"}, "no values at b"),
+        ({"values": "a", "names": "head.names"}, "4 values and no names at head.names"),
+        ({"values": "a", "names": ["w", "x"]}, "4 values and no names at w or x"),
+        ({"values": ""}, "4 samples and no rate"),
+    ],
+)
+def test_a_message_of_whose_values_the_mapping_reads_none_is_refused_with_the_reason(
+    table: dict[str, object], says: str
+) -> None:
+    reader = MappedReader(mapping_from_table({"time": "ts"} | table, "test"), ("a",), FeedCounts())
+    with pytest.raises(MessageError, match=says):
+        list(reader.read(array_message(0, [1, 2, 3, 4]), "x"))
