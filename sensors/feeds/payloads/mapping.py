@@ -102,6 +102,12 @@ def mapping_from_table(table: Mapping[str, Any], where: str) -> PayloadMapping:
         key: (value,) if key in _PATH_KEYS and isinstance(value, str) else value
         for key, value in table.items()
     }
+    rate = table.get("rate")
+    if isinstance(rate, int | float):
+        raise FeedError(
+            f"{where}: rate is {rate!r}; it is the key that has the rate in a message: a fixed one "
+            f"is sampling_rate = {rate!r}, or ?rate={rate!r} in the address"
+        )
     rename = table_of.get("rename", {})
     if not isinstance(rename, dict) or not all(isinstance(v, str) for v in rename.values()):
         raise FeedError(f"{where}: rename is {rename!r}; it is a table like {{ai1 = 'ax'}}")

@@ -388,3 +388,8 @@ def test_a_message_of_whose_values_the_mapping_reads_none_is_refused_with_the_re
     reader = MappedReader(mapping_from_table({"time": "ts"} | table, "test"), ("a",), FeedCounts())
     with pytest.raises(MessageError, match=says):
         list(reader.read(array_message(0, [1, 2, 3, 4]), "x"))
+
+
+def test_a_rate_that_is_a_figure_is_refused_with_the_key_that_takes_one() -> None:
+    with pytest.raises(FeedError, match=r"sampling_rate = 20, or \?rate=20 in the address"):
+        mapping_from_table({"values": "a", "rate": 20}, "m.toml [mapping]")
