@@ -1,6 +1,7 @@
 """A declared mapping finds every sample of a message, and a preset those of each vendor."""
 
 import json
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
 from sensors.feeds.address import parsed
 from sensors.feeds.mqtt import SamplesReader
 from sensors.feeds.payloads.json_samples import MessageError
@@ -393,3 +395,56 @@ def test_a_message_of_whose_values_the_mapping_reads_none_is_refused_with_the_re
 def test_a_rate_that_is_a_figure_is_refused_with_the_key_that_takes_one() -> None:
     with pytest.raises(FeedError, match=r"sampling_rate = 20, or \?rate=20 in the address"):
         mapping_from_table({"values": "a", "rate": 20}, "m.toml [mapping]")
+
+
+def array_messages(content: object, **others: object) -> Messages:
+    """Twenty of them."""
+    return [
+        ("x", encoded({"ts": time_ms(i), "no": i, "a": content} | others)) for i in range(0, 80, 4)
+    ]
+
+
+def read_as_proposed(messages: Messages, folder: Path, listed: tuple[str, ...]) -> FloatArray:
+    """Samples of all messages by the mapping that sniffing proposes (n_samples, n_channels)."""
+    (folder / "m.toml").write_text(sniffed(messages).toml)
+    reader = MappedReader(mapping_named(str(folder / "m.toml")), listed, FeedCounts())
+    pieces = [piece for topic, payload in messages for piece in reader.read(payload, topic)]
+    assert {piece.names for piece in pieces} == {listed}
+    return np.vstack([piece.samples for piece in pieces])
+
+
+def test_sniffing_proposes_the_array_of_channels(tmp_path: Path) -> None:
+    messages = array_messages([1, 2, 3, 4])
+    found = sniffed(messages)
+
+    assert found.toml.startswith('[mapping]\nrows = ""\ntime = "ts"\nvalues = "a"\n# a.0 … a.3: ')
+    assert (found.channels, found.refused) == (dict.fromkeys(FOUR, 20), 0)
+    assert found.sampling_rate == pytest.approx(RATE / 4)
+    np.testing.assert_array_equal(read_as_proposed(messages, tmp_path, FOUR), [[1, 2, 3, 4]] * 20)
+
+
+@pytest.mark.parametrize(
+    ("content", "names"), [([[1, 2], [3, 4]], ("a.0", "a.1")), ({"x": [1, 2], "y": [3, 4]}, "xy")]
+)
+def test_sniffing_proposes_lists_of_samples_with_the_key_of_their_rate(
+    content: object, names: Sequence[str], tmp_path: Path
+) -> None:
+    messages = array_messages(content, fs=40)
+    found = sniffed(messages)
+
+    assert found.toml.endswith('values = "a"\nrate = "fs"')
+    assert (found.channels, found.refused) == (dict.fromkeys(names, 40), 0)
+    assert found.sampling_rate == RATE
+    samples = read_as_proposed(messages, tmp_path, tuple(names))
+    np.testing.assert_array_equal(samples, [[1, 3], [2, 4]] * 20)
+
+
+@pytest.mark.parametrize("content", [[[1, 2]] * 4, {"x": [1, 2], "y": [3, 4]}])
+def test_sniffing_proposes_nothing_for_samples_without_a_rate_and_names_the_reason(
+    content: object,
+) -> None:
+    found = sniffed(array_messages(content))
+
+    assert (found.mapping, found.toml, found.refused) == ("", "", 20)
+    assert "lists of 2 samples, and no message has their rate (by the times 20 Hz)" in found.reason
+    assert 'values = "a" and sampling_rate = HZ read them' in found.reason
