@@ -171,8 +171,8 @@ def _sniff(address: str, seconds: float) -> None:
     found = sniffed(messages)
     if not found.mapping and found.reason:
         raise InputError(
-            f"{address}: no mapping is proposed: {found.reason}, in a file with [mapping] that the "
-            "address names by ?mapping=FILE (docs/pages/live.md, Messages of other shapes)"
+            f"{address}: no mapping is proposed: {found.reason} (docs/pages/live.md, Messages of "
+            "other shapes)"
         )
     if not found.mapping:
         raise InputError(

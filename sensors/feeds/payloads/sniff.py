@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -63,7 +64,7 @@ def sniffed(messages: Sequence[tuple[str, bytes]]) -> Sniffed:
     best = min(read, key=lambda name: (read[name][1], ORDER.index(name)))
     pieces, refused = read[best]
     if not pieces:
-        return Sniffed("", "", {}, (), float("nan"), len(messages), _no_rate(messages))
+        return Sniffed("", "", {}, (), float("nan"), len(messages), _why_none(messages))
     toml = (
         toml_of(proposal, _by_place(proposal, pieces))
         if best == "proposed" and proposal is not None
@@ -139,10 +140,13 @@ def proposed(messages: Sequence[tuple[str, bytes]]) -> PayloadMapping | None:
     return None
 
 
-def _no_rate(messages: Sequence[tuple[str, bytes]]) -> str:
-    """That lists of samples have no rate, and which one their number and the times show."""
+def _why_none(messages: Sequence[tuple[str, bytes]]) -> str:
+    """That no message has a time, or that lists of samples have no rate, and which one their number
+    and the times show; "" if it is neither."""
     mapping = proposed(messages)
-    if mapping is None or mapping.rate:
+    if mapping is None:
+        return _no_time(messages)
+    if mapping.rate:
         return ""
     with_rate = replace(mapping, sampling_rate=1.0)
     pieces, _ = _read(MappedReader(with_rate, (), FeedCounts()), messages)
@@ -158,7 +162,19 @@ def _no_rate(messages: Sequence[tuple[str, bytes]]) -> str:
         step_ns = float(np.median([step for step in steps if step > 0]))
         reason += f" (by the times {count * NANOSECONDS / step_ns:.6g} Hz)"
     paths = toml_of(mapping).removeprefix("[mapping]\n").replace("\n", ", ")
-    return f"{reason}; {paths} and sampling_rate = HZ read them"
+    return f"{reason}; in a file with [mapping] {paths} and sampling_rate = HZ read them"
+
+
+def _no_time(messages: Sequence[tuple[str, bytes]]) -> str:
+    """That JSON messages have no time; "" if one has, or none is JSON."""
+    contents = []
+    for _, payload in messages:
+        with suppress(MessageError):
+            contents.append(json_of(payload))
+    rows = [each[0] if isinstance(each, list) and each else each for each in contents]
+    if not rows or any(True for row in rows for _ in _times(row, "", 0)):
+        return ""
+    return "no message has a time, and the time of arrival is never taken for it"
 
 
 def _rate_keys(content: Any, path: str, depth: int) -> Iterator[str]:

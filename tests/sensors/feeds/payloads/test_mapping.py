@@ -448,3 +448,9 @@ def test_sniffing_proposes_nothing_for_samples_without_a_rate_and_names_the_reas
     assert (found.mapping, found.toml, found.refused) == ("", "", 20)
     assert "lists of 2 samples, and no message has their rate (by the times 20 Hz)" in found.reason
     assert 'values = "a" and sampling_rate = HZ read them' in found.reason
+
+
+def test_sniffing_names_messages_without_a_time_as_the_reason() -> None:
+    found = sniffed([("x", encoded({"no": i, "a": [1, 2]})) for i in range(20)])
+    assert (found.mapping, found.refused) == ("", 20)
+    assert found.reason.startswith("no message has a time")
