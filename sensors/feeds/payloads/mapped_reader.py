@@ -249,9 +249,12 @@ class MappedReader:
     def _names_of(self, place: PayloadPlace, count: int) -> Any:
         """Names that the mapping lists itself, or that a path leads to; None if there are none."""
         written = self._mapping.names
-        if written and all(self._rename.get(name, name) in self._listed for name in written):
-            return list(written) if count > 1 and len(written) > 1 else written[0]
+        are_listed = all(self._is_listed(name) for name in written)
+        if len(written) == count > 1 and are_listed:
+            return list(written)
         names = place.first(written)
+        if len(written) == 1 and are_listed and not isinstance(names, str | list):
+            return written[0]
         if names is None and len(written) == count > 1:
             return list(written)
         return names

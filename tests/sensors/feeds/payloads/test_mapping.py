@@ -454,3 +454,13 @@ def test_sniffing_names_messages_without_a_time_as_the_reason() -> None:
     found = sniffed([("x", encoded({"no": i, "a": [1, 2]})) for i in range(20)])
     assert (found.mapping, found.refused) == ("", 20)
     assert found.reason.startswith("no message has a time")
+
+
+def test_a_name_that_the_mapping_lists_is_the_channels_unless_its_path_leads_to_one() -> None:
+    mapping = mapping_from_table({"time": "ts", "values": "a", "names": "n"}, "test")
+    reader = MappedReader(mapping, ("n", "ax"), FeedCounts())
+    names = [
+        next(reader.read(encoded({"ts": time_ms(0), "a": 1.5} | more), "x")).names
+        for more in ({"n": "ax"}, {"n": 7}, {})
+    ]
+    assert names == [("ax",), ("n",), ("n",)]
