@@ -169,6 +169,11 @@ def _sniff(address: str, seconds: float) -> None:
     example = messages[-1][1]
     output.print(printable(example[:400].decode("utf-8", "replace"), 400), markup=False)
     found = sniffed(messages)
+    if not found.mapping and found.reason:
+        raise InputError(
+            f"{address}: no mapping is proposed: {found.reason} (docs/pages/live.md, Messages of "
+            "other shapes)"
+        )
     if not found.mapping:
         raise InputError(
             f"{address}: no preset reads these messages, and no mapping was found; a file with "

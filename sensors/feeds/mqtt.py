@@ -14,6 +14,7 @@ and key=FILE are the client's own.
 """
 
 import asyncio
+import errno
 import logging
 import re
 import socket
@@ -115,6 +116,15 @@ class SocketReading:
                 self._connection._disconnected.set_exception(error)
 
 
+def pass_over_closed_socket(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Handle what a callback of the loop raised: aiomqtt connects in a thread and has the loop
+    watch the socket afterwards, when a broker may have ended the link, which is reported as such.
+    """
+    error = context.get("exception")
+    if not (isinstance(error, OSError) and error.errno == errno.EBADF):
+        loop.default_exception_handler(context)
+
+
 class MqttFeed:
     """Messages of one topic filter of one broker.
 
@@ -158,6 +168,7 @@ class MqttFeed:
         async def session() -> None:
             await self._session(inbox)
 
+        asyncio.get_running_loop().set_exception_handler(pass_over_closed_socket)
         await self._resume(inbox)
         try:
             await kept_connected(session, self.name, self.counts, once=self._once)

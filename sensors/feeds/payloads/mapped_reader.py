@@ -49,6 +49,16 @@ class PayloadPlace:
                 return found
         return None
 
+    def has(self, paths: Paths) -> bool:
+        """Whether one of the paths leads somewhere, if only to null."""
+        return any(self._of(path) is not None or self._is_null(path) for path in paths)
+
+    def _is_null(self, path: str) -> bool:
+        """Whether a key is there and has no value."""
+        content = self.message if path.startswith("^") else self.row
+        outer, _, key = path.removeprefix("^").rpartition(".")
+        return key in within if isinstance(within := looked_up(content, outer), dict) else False
+
     def _of(self, path: str) -> Any:
         if path == "$key":
             return self.key
@@ -131,11 +141,12 @@ class MappedReader:
             message = self._sparkplug.decoded(topic, payload)
         groups: dict[_Moment, list[Value]] = {}
         follows: dict[str, bool | None] = {"": None}
-        for place in self._rows(message, topic):
+        rows = list(self._rows(message, topic))
+        for place in rows:
             values = list(self._values(place))
             number = self._number_of(place)
             if values:
-                start_ns, rate = self._timing(place, len(values[0].numbers))
+                start_ns, rate = self._timing(place, self._count_samples(values))
             elif number:  # all its values are text or truth values: it is not missing
                 start_ns, rate = _time_ns(place, mapping), None
             else:
@@ -150,6 +161,8 @@ class MappedReader:
                 groups.setdefault(_Moment(start_ns, value.unit, rate, number), []).append(value)
         if len(follows) == 1:  # no row had a number
             self._count_without_rows(message, topic)
+        if rows and mapping.decode == "json" and not any(p.has(mapping.values) for p in rows):
+            raise MessageError(f"no values at {' or '.join(mapping.values)}")
         yield from self._pieces(groups, follows, topic)
 
     def learn(self, payload: bytes, topic: str) -> None:
@@ -195,19 +208,7 @@ class MappedReader:
         value_base = number_in(place.first(mapping.value_base)) or 0
         if not _is_number(value_base):
             raise MessageError(f"{value_base!r:.20} is no number to add to values")
-        if isinstance(found, dict):
-            named = list(self._flattened(found, "", 0))
-        else:
-            names = place.first(mapping.names)
-            if isinstance(names, list):
-                numbers = found if isinstance(found, list) else [found]
-                if len(names) != len(numbers):
-                    raise MessageError(f"{len(numbers)} values for {len(names)} names")
-                named = list(zip(map(str, names), numbers, strict=True))
-            elif found is not None and (names is not None or base):
-                named = [(str(names or ""), found)]
-            else:
-                named = []
+        named = list(self._named(place, found, base))
         for at, (name, content) in enumerate(named):
             own = str(content.get("unit", "")) if isinstance(content, dict) else ""
             given = units[at] if isinstance(units, list) and at < len(units) else units
@@ -222,6 +223,76 @@ class MappedReader:
             if value_base:
                 samples = tuple(each + value_base for each in samples)
             yield Value(channel, samples, unit)
+
+    def _named(self, place: PayloadPlace, found: Any, base: str) -> Iterator[tuple[str, Any]]:
+        """Names and values of what is found at the path of the values."""
+        mapping = self._mapping
+        if found is None:
+            return
+        if isinstance(found, dict):
+            for name, content in self._flattened(found, "", 0):
+                yield from self._by_place(name, content, base)
+            return
+        items = found if isinstance(found, list) else [found]
+        names = self._names_of(place, len(items))
+        if isinstance(names, list):
+            if len(names) != len(items):
+                raise MessageError(f"{len(items)} values for {len(names)} names")
+            yield from zip(map(str, names), items, strict=True)
+        elif names is not None or base:
+            yield str(names or ""), found
+        elif mapping.names and mapping.decode == "json":
+            raise MessageError(f"{len(items)} values and no names at {' or '.join(mapping.names)}")
+        elif not mapping.names:
+            yield from self._named_by_path(place, found)
+
+    def _names_of(self, place: PayloadPlace, count: int) -> Any:
+        """Names that the mapping lists itself, or that a path leads to; None if there are none."""
+        written = self._mapping.names
+        are_listed = all(self._is_listed(name) for name in written)
+        if len(written) == count > 1 and are_listed:
+            return list(written)
+        names = place.first(written)
+        if len(written) == 1 and are_listed and not isinstance(names, str | list):
+            return written[0]
+        if names is None and len(written) == count > 1:
+            return list(written)
+        return names
+
+    def _named_by_path(self, place: PayloadPlace, found: Any) -> Iterator[tuple[str, Any]]:
+        """Values without names: a list's numbers are channels `path.0`, `path.1`, …, unless the
+        layout lists `path`."""
+        mapping = self._mapping
+        path = next(each for each in mapping.values if place.first((each,)) is not None)
+        if path in {*mapping.time, *mapping.sequence, *mapping.sequence_of, *mapping.rate}:
+            return
+        name = path.removeprefix("^")
+        if isinstance(found, list) and not self._is_listed(name):
+            for at, content in enumerate(found):
+                yield _name_at(name, at), content
+        else:
+            yield name, found
+
+    def _by_place(self, name: str, content: Any, base: str) -> Iterator[tuple[str, Any]]:
+        """A list of a named value is its samples, unless the layout lists `name.0` or another
+        place of it, or it has lists itself."""
+        if isinstance(content, list) and content and not self._is_listed(base + name):
+            places = [_name_at(name, at) for at in range(len(content))]
+            if all(isinstance(each, list) for each in content) or any(
+                self._is_listed(base + each) for each in places
+            ):
+                yield from zip(places, content, strict=True)
+                return
+        yield name, content
+
+    def _is_listed(self, name: str) -> bool:
+        """Whether the layout lists what a name of the sender stands for."""
+        return self._rename.get(name, name) in self._listed
+
+    def _count_samples(self, values: list[Value]) -> int:
+        """Samples of a row: those of the layout's channels, if it has any of them."""
+        listed = [len(each.numbers) for each in values if each.name in self._listed]
+        return max(listed) if listed else min(len(each.numbers) for each in values)
 
     def _samples(self, channel: str, content: Any, topic: str) -> tuple[float, ...] | None:
         """The numbers of a value; text counts as one for channels of the layout alone, since others
@@ -274,7 +345,10 @@ class MappedReader:
         if rate is not None and not (_is_number(rate) and LOWEST_RATE <= rate <= HIGHEST_RATE):
             raise MessageError(f"rate is {rate!r:.20}; {LOWEST_RATE:g} to {HIGHEST_RATE:g} Hz")
         if count > 1 and rate is None:
-            raise MessageError(f"{count} samples and no rate; the mapping's `rate` has its path")
+            raise MessageError(
+                f"{count} samples and no rate; the mapping's `rate` has its path, or "
+                "`sampling_rate` the figure [Hz]"
+            )
         if mapping.stamp == "last" and count > 1 and rate is not None:
             time_ns -= round((count - 1) * 1e9 / rate)
         return time_ns, None if rate is None else float(rate)
@@ -371,6 +445,11 @@ def number_in(content: Any) -> Any:
     if _WHOLE.fullmatch(text):
         return int(text)
     return float(text) if _DECIMAL.fullmatch(text) else content
+
+
+def _name_at(name: str, at: int) -> str:
+    """Of a place in a list."""
+    return f"{name}.{at}" if name else str(at)
 
 
 def _is_number(content: Any) -> bool:

@@ -5,11 +5,14 @@
     time = "time"                      # in a row; "^a.b" is looked up in the whole message
     time_unit = "auto"                 # auto (ISO 8601, or by size), s, ms, us, ns
     values = "vals"                    # object {name: number}, list (with `names`), or one number
-    names = "^head.fields[].name"      # of a list's numbers, or of a row's one number
+    names = "^head.fields[].name"      # of a list's numbers, or of a row's one number; or the
+                                       # names themselves: ["ax", "ay"]
     sequence = "no"                    # counts messages (^…) or rows one by one
 
 A path is keys joined by dots: `a.b`, `a[0]`, `a[]` (each element), `$key`, `$topic[-1]` (a level of
 the topic), `""` (the row itself). Where a list of paths is given, the first that is there counts.
+The numbers of a list without names are channels `PATH.0`, `PATH.1`, …, or the samples of the
+channel `PATH` if the layout has it.
 """
 
 import re
@@ -53,7 +56,7 @@ class PayloadMapping:
     stamp: str = "first"
     """Which sample of a list the time is of: "first" or "last"."""
     names: Paths = ()
-    """Paths of the channels' names, if the values have none."""
+    """Paths of the channels' names, if the values have none; or the names, one a value."""
     name_base: Paths = ()
     """Paths of what stands before each name."""
     only: str = ""
@@ -99,6 +102,12 @@ def mapping_from_table(table: Mapping[str, Any], where: str) -> PayloadMapping:
         key: (value,) if key in _PATH_KEYS and isinstance(value, str) else value
         for key, value in table.items()
     }
+    rate = table.get("rate")
+    if isinstance(rate, int | float):
+        raise FeedError(
+            f"{where}: rate is {rate!r}; it is the key that has the rate in a message: a fixed one "
+            f"is sampling_rate = {rate!r}, or ?rate={rate!r} in the address"
+        )
     rename = table_of.get("rename", {})
     if not isinstance(rename, dict) or not all(isinstance(v, str) for v in rename.values()):
         raise FeedError(f"{where}: rename is {rename!r}; it is a table like {{ai1 = 'ax'}}")

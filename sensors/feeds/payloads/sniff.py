@@ -2,7 +2,8 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +18,9 @@ from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
 EARLIEST_NS = 946_684_800 * NANOSECONDS  # the year 2000: what is before is no time of a sample
 DEEPEST_SNIFFED = 6  # levels of objects
+MOST_ARRAY_CHANNELS = 64  # numbers of a list that are one sample of as many channels
+_RATES = ("rate", "sampling_rate", "sample_rate", "samplerate", "sampling_frequency", "fs", "hz")
+_COUNTERS = ("sequence", "seq", "no", "nr", "n", "number", "counter", "count", "id", "session")
 ORDER = (  # what asks most of a message first
     *("csijson", "campbell-geojson", "sparkplug-b", "senml", "opcua-pubsub-json", "telegraf"),
     *("thingsboard", "wise", "teltonika", "json", "nested", "proposed"),
@@ -39,6 +43,8 @@ class Sniffed:
     """Median rate of a channel's samples [Hz]; NaN if there are too few."""
     refused: int
     """Messages that the mapping does not read [-]."""
+    reason: str = ""
+    """Why nothing reads them, if that is known."""
 
 
 def sniffed(messages: Sequence[tuple[str, bytes]]) -> Sniffed:
@@ -58,13 +64,26 @@ def sniffed(messages: Sequence[tuple[str, bytes]]) -> Sniffed:
     best = min(read, key=lambda name: (read[name][1], ORDER.index(name)))
     pieces, refused = read[best]
     if not pieces:
-        return Sniffed("", "", {}, (), float("nan"), len(messages))
-    toml = toml_of(proposal) if best == "proposed" and proposal is not None else ""
+        return Sniffed("", "", {}, (), float("nan"), len(messages), _why_none(messages))
+    toml = (
+        toml_of(proposal, _by_place(proposal, pieces))
+        if best == "proposed" and proposal is not None
+        else ""
+    )
     channels: Counter[str] = Counter()
     for piece in pieces:
         channels.update({name: len(piece.samples) for name in piece.names})
     units = tuple(sorted({piece.unit for piece in pieces if piece.unit}))
     return Sniffed(best, toml, dict(channels), units, _rate(pieces), refused)
+
+
+def _by_place(mapping: PayloadMapping, pieces: Sequence[ChannelSamples]) -> str:
+    """Names of channels that are single numbers of one list; "" if there are none."""
+    first = pieces[0]
+    by_place = [name for name in first.names if name.startswith(f"{mapping.values[0]}.")]
+    if len(first.samples) > 1 or not all(name.rpartition(".")[2].isdigit() for name in by_place):
+        return ""
+    return f"{by_place[0]} … {by_place[-1]}" if len(by_place) > 1 else ""
 
 
 def _read(reader: Any, messages: Sequence[tuple[str, bytes]]) -> tuple[list[ChannelSamples], int]:
@@ -73,12 +92,19 @@ def _read(reader: Any, messages: Sequence[tuple[str, bytes]]) -> tuple[list[Chan
     refused = 0
     for topic, payload in messages:
         try:
-            found = [each for each in reader.read(payload, topic) if each.start_ns > EARLIEST_NS]
+            found = [each for each in reader.read(payload, topic) if _is_plausible(each)]
         except MessageError:
             found = []
         pieces += found
         refused += not found
     return pieces, refused
+
+
+def _is_plausible(piece: ChannelSamples) -> bool:
+    """Whether the time is one of a sample, and several have a rate, without which no feed takes
+    them."""
+    has_rate = len(piece.samples) == 1 or piece.sampling_rate is not None
+    return piece.start_ns > EARLIEST_NS and has_rate
 
 
 def _rate(pieces: Sequence[ChannelSamples]) -> float:
@@ -103,11 +129,61 @@ def proposed(messages: Sequence[tuple[str, bytes]]) -> PayloadMapping | None:
         here = list(_times(row, "", 0))
         times = here or [f"^{path}" for path in _times(message, "", 0)]
         values = _values_path(row)
+        rates = [*_rate_keys(row, "", 0), *(f"^{path}" for path in _rate_keys(message, "", 0))]
         if times and values is not None:
             return PayloadMapping(
-                time=(times[0],), values=(values,), rows=("" if rows is None else rows,)
+                time=(times[0],),
+                values=(values,),
+                rows=("" if rows is None else rows,),
+                rate=tuple(rates[:1]),
             )
     return None
+
+
+def _why_none(messages: Sequence[tuple[str, bytes]]) -> str:
+    """That no message has a time, or that lists of samples have no rate, and which one their number
+    and the times show; "" if it is neither."""
+    mapping = proposed(messages)
+    if mapping is None:
+        return _no_time(messages)
+    if mapping.rate:
+        return ""
+    with_rate = replace(mapping, sampling_rate=1.0)
+    pieces, _ = _read(MappedReader(with_rate, (), FeedCounts()), messages)
+    lists = [piece for piece in pieces if len(piece.samples) > 1]
+    if not lists:
+        return ""
+    count = len(lists[0].samples)
+    steps = [later.start_ns - earlier.start_ns for earlier, later in pairwise(lists)]
+    reason = (
+        f"{', '.join(lists[0].names[:4])}: lists of {count} samples, and no message has their rate"
+    )
+    if any(step > 0 for step in steps):
+        step_ns = float(np.median([step for step in steps if step > 0]))
+        reason += f" (by the times {count * NANOSECONDS / step_ns:.6g} Hz)"
+    paths = toml_of(mapping).removeprefix("[mapping]\n").replace("\n", ", ")
+    return f"{reason}; in a file with [mapping] {paths} and sampling_rate = HZ read them"
+
+
+def _no_time(messages: Sequence[tuple[str, bytes]]) -> str:
+    """That JSON messages have no time; "" if one has, or none is JSON."""
+    contents = []
+    for _, payload in messages:
+        with suppress(MessageError):
+            contents.append(json_of(payload))
+    rows = [each[0] if isinstance(each, list) and each else each for each in contents]
+    if not rows or any(True for row in rows for _ in _times(row, "", 0)):
+        return ""
+    return "no message has a time, and the time of arrival is never taken for it"
+
+
+def _rate_keys(content: Any, path: str, depth: int) -> Iterator[str]:
+    """Paths of what can be the sampling rate, by their last key."""
+    if isinstance(content, dict) and depth < DEEPEST_SNIFFED:
+        for key, inner in content.items():
+            yield from _rate_keys(inner, f"{path}.{key}" if path else key, depth + 1)
+    elif _is_number(content) and path.rpartition(".")[2].lower() in _RATES:
+        yield path
 
 
 def _of_path(message: Any, path: str) -> Any:
@@ -142,8 +218,14 @@ def _times(content: Any, path: str, depth: int) -> Iterator[str]:
 
 
 def _values_path(row: Any) -> str | None:
-    """Path of the object with the most numbers directly in it; of several, the first."""
+    """Path of the object or array with the most numbers or lists directly in it; of several, the
+    first. A list that has a rate, or others beside it, is the samples of one channel."""
     counts = {path: _count_numbers(content) for path, content in _objects(row, "", 0)}
+    arrays = dict(_arrays(row, "", 0))
+    flat = [path for path, content in arrays.items() if _is_number(content[0])]
+    if len(flat) > 1 or any(True for _ in _rate_keys(row, "", 0)):
+        arrays = {path: content for path, content in arrays.items() if path not in flat}
+    counts |= {path: len(content) for path, content in arrays.items()}
     best = max(counts, key=lambda path: counts[path], default=None)
     return best if best is not None and counts[best] else None
 
@@ -155,9 +237,22 @@ def _objects(content: Any, path: str, depth: int) -> Iterator[tuple[str, dict[st
             yield from _objects(inner, f"{path}.{key}" if path else key, depth + 1)
 
 
+def _arrays(content: Any, path: str, depth: int) -> Iterator[tuple[str, list[Any]]]:
+    """Lists of as many numbers, or lists of numbers, as a unit can have channels."""
+    if isinstance(content, dict) and depth < DEEPEST_SNIFFED:
+        for key, inner in content.items():
+            yield from _arrays(inner, f"{path}.{key}" if path else key, depth + 1)
+    elif isinstance(content, list) and 1 < len(content) <= MOST_ARRAY_CHANNELS:
+        numbers = all(each is None or _is_number(each) for each in content)
+        lists = all(isinstance(each, list) and each and _is_number(each[0]) for each in content)
+        if lists or (numbers and content[0] is not None):
+            yield path, content
+
+
 def _count_numbers(content: dict[str, Any]) -> int:
     """Numbers, lists of them and objects around one, that are no time."""
-    found = (_number_in(inner) for inner in content.values())
+    others = {*_RATES, *_COUNTERS}
+    found = (_number_in(inner) for key, inner in content.items() if key.lower() not in others)
     return sum(each is not None and not list(_times(each, "x", 0)) for each in found)
 
 
@@ -168,14 +263,21 @@ def _number_in(content: Any) -> float | int | None:
         content = next((each for each in inner if each is not None), None)
     if isinstance(content, list) and content:
         content = content[0]
-    numeric = isinstance(content, int | float) and not isinstance(content, bool)
-    return content if numeric else None
+    return content if _is_number(content) else None
 
 
-def toml_of(mapping: PayloadMapping) -> str:
-    """The section of a TOML file."""
+def _is_number(content: Any) -> bool:
+    return isinstance(content, int | float) and not isinstance(content, bool)
+
+
+def toml_of(mapping: PayloadMapping, by_place: str = "") -> str:
+    """The section of a TOML file, with a comment on what could be understood otherwise: channels
+    that are named by their places in a list."""
     lines = ["[mapping]"]
-    for key in ("rows", "time", "values"):
+    for key in ("rows", "time", "values", *(["rate"] if mapping.rate else [])):
         paths = getattr(mapping, key)
         lines.append(f"{key} = " + ", ".join(f'"{path}"' for path in paths))
+    if by_place:
+        lines.append(f"# {by_place}: as many channels; if they are samples of one channel, add")
+        lines.append('# names = "NAME" and sampling_rate = HZ')
     return "\n".join(lines)

@@ -1,6 +1,8 @@
 """MQTT through a real broker."""
 
+import asyncio
 import json
+import socket
 import socketserver
 import struct
 import subprocess
@@ -22,7 +24,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import parsed
 from sensors.feeds.live import LiveFeed, Measured
-from sensors.feeds.mqtt import MqttFeed, SamplesReader
+from sensors.feeds.mqtt import MqttFeed, SamplesReader, pass_over_closed_socket
 from sensors.feeds.open_feed import open_feed
 from sensors.feeds.payloads.frame import Frame, encoded
 from sensors.feeds.position import position_file
@@ -502,3 +504,21 @@ def test_what_a_broker_did_not_keep_is_counted_by_the_stamps(
     measured_until(again, lambda: again.counts.received >= 5, lambda: publish(range(12, 17)))
 
     assert again.absent == 7.0
+
+
+def test_a_socket_that_is_closed_before_the_loop_watches_it_is_no_traceback(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def watch_closed() -> None:
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(pass_over_closed_socket)
+        with socket.socket() as ended:
+            number = ended.fileno()
+        loop.call_soon(loop.add_reader, number, print)
+        loop.call_soon(int, "another error")
+        await asyncio.sleep(0)
+
+    asyncio.run(watch_closed())
+    assert [str(record.exc_info[1]) for record in caplog.records if record.exc_info] == [
+        "invalid literal for int() with base 10: 'another error'"
+    ]

@@ -1,6 +1,7 @@
 """A declared mapping finds every sample of a message, and a preset those of each vendor."""
 
 import json
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
 from sensors.feeds.address import parsed
 from sensors.feeds.mqtt import SamplesReader
 from sensors.feeds.payloads.json_samples import MessageError
@@ -316,3 +318,149 @@ def test_each_preset_reads_numbers_written_as_text(shape: Shape) -> None:
     expected = samples_of(pieces_of(messages, shape, FeedCounts()))
     assert found == {key: each for key, each in expected.items() if key[0] in shape.names}
     assert (counts.malformed, counts.lost) == (0, 0)
+
+
+FOUR = ("a.0", "a.1", "a.2", "a.3")
+
+
+def array_message(index: int, content: object) -> bytes:
+    """Of a digitiser that has four channels in one array and the time in ms."""
+    return encoded({"ts": time_ms(index), "no": index, "a": content})
+
+
+@pytest.mark.parametrize(
+    ("table", "listed"),
+    [
+        ({"values": "a"}, FOUR),
+        ({"values": "a", "names": list(FOUR)}, FOUR),
+        ({"values": "a", "names": ["w", "x", "y", "z"]}, ("w", "x", "y", "z")),
+        ({"values": "a", "names": ["a", "no", "y", "z"]}, ("a", "no", "y", "z")),
+        ({"values": "a", "rename": {"a.0": "ax"}}, ("ax", *FOUR[1:])),
+        ({"values": "a", "sampling_rate": 40.0}, FOUR),
+        ({"values": ""}, FOUR),
+    ],
+)
+def test_the_numbers_of_an_array_are_a_sample_of_as_many_channels(
+    table: dict[str, object], listed: tuple[str, ...]
+) -> None:
+    mapping = mapping_from_table({"time": "ts"} | table, "test")
+    reader = MappedReader(mapping, listed, FeedCounts())
+    pieces = [*reader.read(array_message(0, [1, 2, 3, None]), "x")]
+    pieces += [*reader.read(array_message(1, [5, 6, 7, 8]), "x")]
+    found = samples_of(pieces)
+
+    assert [found[name, time_ms(1) * 1_000_000] for name in listed] == [5, 6, 7, 8]
+    assert found[listed[0], time_ms(0) * 1_000_000] == 1
+
+
+def test_an_array_is_the_samples_of_the_channel_that_the_layout_calls_as_its_key() -> None:
+    mapping = mapping_from_table({"time": "ts", "values": "a", "sampling_rate": 40.0}, "test")
+    (piece,) = MappedReader(mapping, ("a",), FeedCounts()).read(array_message(0, [1, 2, 3]), "x")
+    assert (piece.names, piece.samples.tolist()) == (("a",), [[1], [2], [3]])
+
+
+@pytest.mark.parametrize("values", ["a", ""])
+def test_the_lists_of_an_array_are_the_samples_of_as_many_channels(values: str) -> None:
+    mapping = mapping_from_table({"time": "ts", "values": values, "sampling_rate": 40.0}, "test")
+    reader = MappedReader(mapping, ("a.0", "a.1"), FeedCounts())
+    pieces = list(reader.read(array_message(0, [[1, 2], [3, 4]]), "x"))
+    assert pieces[-1].names == ("a.0", "a.1")
+    assert pieces[-1].samples.tolist() == [[1, 3], [2, 4]]
+
+
+def test_one_number_without_a_name_is_of_the_channel_that_its_path_is() -> None:
+    reader = MappedReader(PayloadMapping(values=("a",)), ("a",), FeedCounts())
+    (piece,) = reader.read(array_message(0, 1.5), "x")
+    assert (piece.names, piece.samples.tolist()) == (("a",), [[1.5]])
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ({"values": ["a.0", "a.1"]}, "no values at a.0 or a.1"),
+        ({"values": "b"}, "no values at b"),
+        ({"values": "a", "names": "head.names"}, "4 values and no names at head.names"),
+        ({"values": "a", "names": ["w", "x"]}, "4 values and no names at w or x"),
+        ({"values": ""}, "4 samples and no rate"),
+    ],
+)
+def test_a_message_of_whose_values_the_mapping_reads_none_is_refused_with_the_reason(
+    table: dict[str, object], says: str
+) -> None:
+    reader = MappedReader(mapping_from_table({"time": "ts"} | table, "test"), ("a",), FeedCounts())
+    with pytest.raises(MessageError, match=says):
+        list(reader.read(array_message(0, [1, 2, 3, 4]), "x"))
+
+
+def test_a_rate_that_is_a_figure_is_refused_with_the_key_that_takes_one() -> None:
+    with pytest.raises(FeedError, match=r"sampling_rate = 20, or \?rate=20 in the address"):
+        mapping_from_table({"values": "a", "rate": 20}, "m.toml [mapping]")
+
+
+def array_messages(content: object, **others: object) -> Messages:
+    """Twenty of them."""
+    return [
+        ("x", encoded({"ts": time_ms(i), "no": i, "a": content} | others)) for i in range(0, 80, 4)
+    ]
+
+
+def read_as_proposed(messages: Messages, folder: Path, listed: tuple[str, ...]) -> FloatArray:
+    """Samples of all messages by the mapping that sniffing proposes (n_samples, n_channels)."""
+    (folder / "m.toml").write_text(sniffed(messages).toml)
+    reader = MappedReader(mapping_named(str(folder / "m.toml")), listed, FeedCounts())
+    pieces = [piece for topic, payload in messages for piece in reader.read(payload, topic)]
+    assert {piece.names for piece in pieces} == {listed}
+    return np.vstack([piece.samples for piece in pieces])
+
+
+def test_sniffing_proposes_the_array_of_channels(tmp_path: Path) -> None:
+    messages = array_messages([1, 2, 3, 4])
+    found = sniffed(messages)
+
+    assert found.toml.startswith('[mapping]\nrows = ""\ntime = "ts"\nvalues = "a"\n# a.0 … a.3: ')
+    assert (found.channels, found.refused) == (dict.fromkeys(FOUR, 20), 0)
+    assert found.sampling_rate == pytest.approx(RATE / 4)
+    np.testing.assert_array_equal(read_as_proposed(messages, tmp_path, FOUR), [[1, 2, 3, 4]] * 20)
+
+
+@pytest.mark.parametrize(
+    ("content", "names"), [([[1, 2], [3, 4]], ("a.0", "a.1")), ({"x": [1, 2], "y": [3, 4]}, "xy")]
+)
+def test_sniffing_proposes_lists_of_samples_with_the_key_of_their_rate(
+    content: object, names: Sequence[str], tmp_path: Path
+) -> None:
+    messages = array_messages(content, fs=40)
+    found = sniffed(messages)
+
+    assert found.toml.endswith('values = "a"\nrate = "fs"')
+    assert (found.channels, found.refused) == (dict.fromkeys(names, 40), 0)
+    assert found.sampling_rate == RATE
+    samples = read_as_proposed(messages, tmp_path, tuple(names))
+    np.testing.assert_array_equal(samples, [[1, 3], [2, 4]] * 20)
+
+
+@pytest.mark.parametrize("content", [[[1, 2]] * 4, {"x": [1, 2], "y": [3, 4]}])
+def test_sniffing_proposes_nothing_for_samples_without_a_rate_and_names_the_reason(
+    content: object,
+) -> None:
+    found = sniffed(array_messages(content))
+
+    assert (found.mapping, found.toml, found.refused) == ("", "", 20)
+    assert "lists of 2 samples, and no message has their rate (by the times 20 Hz)" in found.reason
+    assert 'values = "a" and sampling_rate = HZ read them' in found.reason
+
+
+def test_sniffing_names_messages_without_a_time_as_the_reason() -> None:
+    found = sniffed([("x", encoded({"no": i, "a": [1, 2]})) for i in range(20)])
+    assert (found.mapping, found.refused) == ("", 20)
+    assert found.reason.startswith("no message has a time")
+
+
+def test_a_name_that_the_mapping_lists_is_the_channels_unless_its_path_leads_to_one() -> None:
+    mapping = mapping_from_table({"time": "ts", "values": "a", "names": "n"}, "test")
+    reader = MappedReader(mapping, ("n", "ax"), FeedCounts())
+    names = [
+        next(reader.read(encoded({"ts": time_ms(0), "a": 1.5} | more), "x")).names
+        for more in ({"n": "ax"}, {"n": 7}, {})
+    ]
+    assert names == [("ax",), ("n",), ("n",)]
