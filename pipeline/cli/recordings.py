@@ -160,7 +160,7 @@ def import_files(
     ] = False,
     sampling_rate: Annotated[
         float | None,
-        typer.Option(help="Sampling rate [Hz]; the samples are counted, time stamps ignored."),
+        typer.Option(help="[Hz]; where the files have no time stamps that increase."),
     ] = None,
     reader: Annotated[
         str | None,
