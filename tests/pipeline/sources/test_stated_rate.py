@@ -4,7 +4,6 @@ import logging
 from pathlib import Path
 
 import numpy as np
-import pilewatch as pw
 import pytest
 from typer.testing import CliRunner
 
@@ -90,14 +89,6 @@ def test_modes_of_a_file_are_those_of_its_stamps(tmp_path: Path) -> None:
     counted = identify_file(stamped(tmp_path / "still.csv", once), sampling_rate=40.0)
     assert (counted.sampling_rate, counted.duration) == (40.0, len(SAMPLES) / 40)
     assert "sampling-rate" in [each.code for each in counted.warnings]
-
-
-def test_a_file_that_the_library_reads_keeps_the_rate_of_its_stamps(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    read = pw.read(stamped(tmp_path / "tower.csv", EVEN), sampling_rate=40.0)
-    assert read.sampling_rate == RATE
-    assert FOLLOWED in caplog.text
 
 
 def test_a_file_that_states_its_rate_is_followed_too(
