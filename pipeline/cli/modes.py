@@ -32,7 +32,7 @@ def identify(
     ],
     sampling_rate: Annotated[
         float | None,
-        typer.Option(help="Sampling rate [Hz]; needed where the file has no time column."),
+        typer.Option(help="[Hz]; where the file has no time stamps that increase."),
     ] = None,
     window: Annotated[
         float | None, typer.Option(help="Length of a window [s]; default: the whole file.")

@@ -65,7 +65,7 @@ def new(
         ),
     ] = None,
     sampling_rate: Annotated[
-        float | None, typer.Option(help="[Hz]; where the files have no time stamps.")
+        float | None, typer.Option(help="[Hz]; where the files have no time stamps that increase.")
     ] = None,
     dates: DatesOption = None,
     zone: ZoneOption = "",

@@ -103,7 +103,7 @@ def info(
     as_json: JsonOption = False,
 ) -> None:
     """List what a recording holds: channels, duration, gaps, scenario, truth."""
-    from pipeline.cli.tables.recordings import info_json, recording_tables
+    from pipeline.cli.tables.recordings import info_json, metadata_lines, recording_tables
     from pipeline.recording.info import recording_info
     from pipeline.sources.session_files import one_recording
 
@@ -115,10 +115,8 @@ def info(
         return
     for table in recording_tables(found):
         output.print(table)
-    for section, texts in found.metadata.items():
-        for key, text in texts.items():
-            if "\n" not in text:
-                output.print(f"{section}.{key} = {escape_markup(text)}", soft_wrap=True)
+    for line in metadata_lines(found):
+        output.print(escape_markup(line), soft_wrap=True)
 
 
 def salvage(
@@ -160,7 +158,7 @@ def import_files(
     ] = False,
     sampling_rate: Annotated[
         float | None,
-        typer.Option(help="Sampling rate [Hz]; the samples are counted, time stamps ignored."),
+        typer.Option(help="[Hz]; where the files have no time stamps that increase."),
     ] = None,
     reader: Annotated[
         str | None,

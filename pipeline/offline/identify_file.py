@@ -25,6 +25,7 @@ from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 from sensors.files.channel_names import UnusedChannel, note_unknown_units, split_motions
 from sensors.files.layout_file import LayoutFile
+from sensors.files.stated_rate import with_stated_rate
 from sensors.files.table import (
     STANDING_STAMPS,
     UNSTATED,
@@ -127,7 +128,8 @@ def identify_file(
     Parameters
     ----------
     sampling_rate : float | None, optional
-        Sampling rate [Hz]; needed where the file has neither a rate nor times.
+        Sampling rate [Hz]; needed where the file has neither a rate nor times. Time stamps that
+        increase are followed all the same, with a warning where they have another rate.
     window : float | None, optional
         Length of a window [s]; None: the whole file is one window.
     layout : LayoutFile | None, optional
@@ -143,7 +145,7 @@ def identify_file(
     InputError
         If the file cannot be read, has no sampling rate or is shorter than the window.
     """
-    table, rate, unused = _read(path, sampling_rate, layout, time)
+    table, rate, unused, warnings = _read(path, sampling_rate, layout, time)
     if rotor_speed is not None:
         table = replace(table, rotor_speed=_constant_speed(rotor_speed, len(table.samples)))
     lowest = None if settings is None else settings.lowest_frequency
@@ -158,7 +160,7 @@ def identify_file(
             raise InputError(f"--window is {window:g} s; it must be positive")
         raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
     length = len(table.samples) if window is None else round(window * rate)
-    return identify_table(table, rate, length, settings=settings, unused=unused)
+    return identify_table(table, rate, length, settings=settings, unused=unused, warnings=warnings)
 
 
 def identify_table(
@@ -168,6 +170,7 @@ def identify_table(
     *,
     settings: OmaSettings | None = None,
     unused: tuple[UnusedChannel, ...] = (),
+    warnings: tuple[QualityWarning, ...] = (),
     layout: SensorLayout | None = None,
 ) -> FileIdentification:
     """Identify the modes in a table of channels, window by window.
@@ -180,11 +183,13 @@ def identify_table(
         Samples of a window.
     unused : tuple of UnusedChannel
         Channels that were left out, for a warning.
+    warnings : tuple of QualityWarning
+        Warnings of the whole file, beside those found here.
     layout : SensorLayout, optional
         Whose turbine and channels these are.
     """
     quantities = table.quantities or guessed_quantities(table.samples, rate)
-    found = _Found(_guess(table, quantities) + _unused(unused))
+    found = _Found(warnings + _guess(table, quantities) + _unused(unused))
     for window in _windows(table, rate, length, settings or OmaSettings(), quantities):
         found.take(window, _answer(window, table, rate, layout))
     return FileIdentification(
@@ -235,7 +240,8 @@ def _read(
     sampling_rate: float | None,
     layout: LayoutFile | None,
     time: TimeColumn,
-) -> tuple[ChannelTable, float, tuple[UnusedChannel, ...]]:
+) -> tuple[ChannelTable, float, tuple[UnusedChannel, ...], tuple[QualityWarning, ...]]:
+    """Return the channels, their rate, those left out, and where the stated rate is not theirs."""
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
     table = measured_channels(path, layout, time, rate_known=sampling_rate is not None)
@@ -244,17 +250,19 @@ def _read(
         columns, unused = split_motions(table, str(path))
         table = table.only(columns)
     note_unknown_units(table, str(path))
-    rate = table.sampling_rate if sampling_rate is None else sampling_rate
-    if table.sampling_rate is None and table.times is not None:  # they stand still
-        table = replace(table, times=None)
-        if rate is None:
-            raise FileError(STANDING_STAMPS.format(path=path))
-    if rate is None:
+    if sampling_rate is not None:
+        table, rate, note = with_stated_rate(table, sampling_rate)
+        warnings = (QualityWarning("sampling-rate", note),) if note else ()
+        return table, rate, unused, warnings
+    own = table.sampling_rate
+    if own is None and table.times is not None:  # they stand still
+        raise FileError(STANDING_STAMPS.format(path=path))
+    if own is None:
         raise FileError(
             f"{path} has neither a sampling rate nor a time column (t, time or timestamp): give "
             "--sampling-rate HZ"
         )
-    return table, rate, unused
+    return table, own, unused, ()
 
 
 def _constant_speed(rotor_speed: float, n_samples: int) -> NDArray[np.float64]:

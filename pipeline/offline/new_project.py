@@ -117,7 +117,7 @@ def start_project(
     mudline : float, optional
         Elevation at which a WindIO monopile ends, or a BModes tower begins [m].
     sampling_rate : float, optional
-        [Hz]; needed where the files have neither a rate nor time stamps.
+        [Hz]; needed where the files have neither a rate nor time stamps that increase.
     dates : {"day-first", "month-first"}, optional
         What comes first in dates such as 3/4/2024.
     zone : str

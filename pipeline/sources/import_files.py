@@ -26,6 +26,7 @@ from sensors.files.block_builder import (
 )
 from sensors.files.channel_names import note_unknown_units
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
+from sensors.files.stated_rate import rate_note, stamped_time
 from sensors.files.table import (
     EVERYTHING,
     STANDING_STAMPS,
@@ -35,6 +36,7 @@ from sensors.files.table import (
     TimeColumn,
     dated,
 )
+from sensors.files.text.columns import log_once
 from sensors.structure.sensor_readings import require_on_tower
 
 
@@ -51,7 +53,7 @@ class Measurement:
     """Sampling rate [Hz]."""
 
     counted: bool
-    """The samples are counted from a file's start; its stamps are not looked at."""
+    """The samples are counted from a file's start, since its stamps do not increase."""
 
     def blocks(self) -> Iterator[AccelerationBlock]:
         """Yield the samples as an acquisition unit would have sent them.
@@ -91,8 +93,9 @@ def open_measurement(
     turbine : str, optional
         Name of the turbine where no layout states it.
     sampling_rate : float, optional
-        Sampling rate [Hz]; samples are counted from each file's start instead of by its time
-        stamps.
+        Sampling rate [Hz]; samples are counted from each file's start where it has no time stamps
+        or such as do not increase. Stamps that increase are followed; a warning is logged where
+        they have another rate.
     reader : str, optional
         "package.module:function" that gives SEP005 channels; None: by the suffixes.
     time : TimeColumn
@@ -110,9 +113,12 @@ def open_measurement(
     if twice := [path for path in paths if paths.count(path) > 1]:
         raise FileError(f"{twice[0]} is named twice")
     wanted = dated(EVERYTHING if layout is None else layout.wanted(), time)
-    counted = sampling_rate is not None
-    wanted = replace(wanted, stamps=not counted, rate_known=counted)
+    wanted = replace(wanted, rate_known=sampling_rate is not None)
     opened = [open_file(path, reader, wanted) for path in paths]
+    counted = sampling_rate is not None and _is_counted([file for file, _ in opened], sampling_rate)
+    if counted:
+        wanted = replace(wanted, stamps=False)
+        opened = [open_file(path, reader, wanted) for path in paths]
     files = sort_by_time([file for file, _ in opened])
     first = next(table for file, table in opened if file.path == files[0].path)
     mapping = layout or layout_by_names(first.names, turbine=turbine)
@@ -125,7 +131,7 @@ def open_measurement(
     table = mapping.chosen(first)
     _require_one_quantity(table, files[0].path)
     note_unknown_units(table, str(files[0].path))
-    rate = sampling_rate or files[0].sampling_rate
+    rate = sampling_rate if counted else files[0].sampling_rate
     if rate is None and len(first.samples) < 2:
         raise FileError(f"{files[0].path}: 1 sample; at least two are needed")
     if rate is None and first.times is not None:
@@ -136,6 +142,20 @@ def open_measurement(
             "--sampling-rate HZ"
         )
     return Measurement(tuple(files), mapping, mapping.sensor_layout(table), rate, counted)
+
+
+def _is_counted(files: Sequence[MeasurementFile], sampling_rate: float) -> bool:
+    """Whether the stamps of any file are missing or do not increase, so that samples are counted.
+
+    Logs where the files' own rate is not the stated one.
+    """
+    counted = False
+    for file in files:
+        stamps = stamped_time(file.chunks())
+        counted = counted or stamps is None or not stamps.increase
+        if note := rate_note(file.sampling_rate, stamps, sampling_rate):
+            log_once(f"{file.path}: {note}")
+    return counted
 
 
 def _require_one_quantity(table: ChannelTable, path: Path) -> None:

@@ -20,7 +20,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -44,6 +44,9 @@ from sensors.files.table import (
     quantity_of,
 )
 from sensors.settings import settings_from_table, toml_string, toml_table
+
+if TYPE_CHECKING:
+    from sensors.files.channel_names import GuessedChannel
 
 _OUR_NAMES = re.compile(r"z(?P<elevation>-?\d+(\.\d+)?)-(?P<axis>fa|ss)")
 _CONVERTED = ("m/s²", "m/s", "m")  # units of channels whose file states its unit
@@ -336,28 +339,36 @@ def layout_by_names(names: Sequence[str], *, turbine: str = "turbine") -> Layout
 
 
 def layout_template(table: ChannelTable) -> str:
-    """Return a layout file of a measurement's channels, to fill in."""
+    """Return a layout file of a measurement's channels, to fill in.
+
+    Heights and axes are those that the names state, as in `pilewatch new`.
+    """
+    from sensors.files.channel_names import guess_channels  # pyarrow: not on a tower unit
+
     lines = [
         "# Where the channels of the measurement were. Axes: x downwind (fore-aft), y to the side",
         "# (side-side), z up from mean water level. Delete the channels that are not to be used.",
         'turbine = "turbine"                # no spaces: it becomes part of keys',
         'unit = "tower"                     # the acquisition unit',
     ]
-    for name, unit in zip(table.names, table.units, strict=True):
-        lines += [
-            "",
-            "[[channels]]",
-            f"name = {toml_string(name)}",
-            "elevation = 0.0                    # above mean water level [m]: fill in",
-            "direction = [1.0, 0.0, 0.0]        # of its positive axis, x y z: fill in",
-        ]
-        if unit not in _CONVERTED:
+    guessed = guess_channels(table.names)
+    some_known = any(each.height_known for each in guessed)
+    for each, unit in zip(guessed, table.units, strict=True):
+        lines += ["", "[[channels]]", f"name = {toml_string(each.name)}"]
+        lines += _place_lines(each, some_known=some_known)
+        if unit in _CONVERTED:
+            lines.append(f"# unit and sensitivity: the file states {unit}, or what becomes it")
+        else:
             hint = f"; the file states {unit!r}" if unit else ""
             lines += [
                 f'# unit = "m/s²"                    # of its samples{hint}',
                 "# sensitivity = 1.0                # samples per unit, e.g. 0.1 for 100 mV per g",
             ]
-        lines += ['# quantity = "acceleration"        # velocity, displacement, strain']
+        lines += [
+            '# quantity = "acceleration"        # velocity, displacement, strain',
+            '# coupling = "ac"                  # of one that does not feel tilt; "dc" without it',
+            "# corner_frequency = 0.05          # below which an AC-coupled one falls off [Hz]",
+        ]
     lines += [
         "",
         "# [time]                             # only where the file's titles do not state the time",
@@ -366,6 +377,26 @@ def layout_template(table: ChannelTable) -> str:
         '# zone = "Europe/Berlin"             # of dates that state none; UTC without it',
     ]
     return "\n".join(lines) + "\n"
+
+
+def _place_lines(channel: "GuessedChannel", *, some_known: bool) -> list[str]:
+    """Lines of a channel's height and axis.
+
+    A height that is not known beside others that are is commented out, so that the file is refused
+    until it is filled in: 0 is a height, too.
+    """
+    height, axis = channel.reason.split(", ", 1)
+    above, positive = "above mean water level [m]", "of its positive axis, x y z"
+    if channel.height_known:
+        elevation = f"elevation = {channel.elevation!r}".ljust(35)
+        lines = [f"{elevation}# {above}: {height[height.index('from') :]}"]
+    else:
+        lines = [f"{'# elevation = ' if some_known else 'elevation = 0.0'}".ljust(35)]
+        lines[0] += f"# {above}: fill in"
+    x, y, z = channel.direction
+    direction = f"direction = [{float(x)}, {float(y)}, {float(z)}]".ljust(35)
+    seen = axis if channel.direction_known else "fill in"
+    return [*lines, f"{direction}# {positive}: {seen}"]
 
 
 def _quantity(channel: MappedChannel) -> Quantity | None:

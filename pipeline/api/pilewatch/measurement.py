@@ -168,7 +168,8 @@ def read(
     path : str or path
         MCAP, CSV, TSV, Parquet, NPZ, HDF5, MATLAB, TDMS, miniSEED, ….
     sampling_rate : float, optional
-        [Hz]; needed where the file has neither a rate nor a time column.
+        [Hz]; needed where the file has neither a rate nor a time column. Time stamps that
+        increase are followed all the same; a warning is logged where they have another rate.
     layout : str or path, optional
         Layout file (TOML): which channels, where they are, in what units.
     dates : {"day-first", "month-first"}, optional
@@ -187,6 +188,8 @@ def read(
     """
     from pipeline.offline.measured_file import measured_channels
     from sensors.files.layout_file import layout_by_names, load_layout
+    from sensors.files.stated_rate import with_stated_rate
+    from sensors.files.text.columns import log_once
 
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"read takes a file's path, not {type(path).__name__}; identify an array")
@@ -194,10 +197,14 @@ def read(
     mapping = None if layout is None else load_layout(Path(layout))
     if dates not in (None, "day-first", "month-first"):
         raise InputError(f"dates is {dates!r}; it can be 'day-first' or 'month-first'")
-    table = measured_channels(file, mapping, TimeColumn(dates=dates, zone=zone))
+    time = TimeColumn(dates=dates, zone=zone)
+    table = measured_channels(file, mapping, time, rate_known=sampling_rate is not None)
     rate = table.sampling_rate
     if sampling_rate is not None:
-        rate = positive("sampling_rate", sampling_rate, "Hz")
+        stated = positive("sampling_rate", sampling_rate, "Hz")
+        table, rate, note = with_stated_rate(table, stated)
+        if note:
+            log_once(f"{file}: {note}")
     if rate is None:
         raise InputError(
             f"{file} has neither a sampling rate nor a time column: give sampling_rate [Hz]"

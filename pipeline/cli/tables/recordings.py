@@ -1,13 +1,16 @@
 """Tables of the content of a recording and of the shipped scenarios."""
 
+import tomllib
 from collections.abc import Sequence
 
 from rich.table import Table
 
 from pipeline.cli.tables.cells import table_of
 from pipeline.recording.info import RecordingInfo, UnitInfo
-from pipeline.scenario import Scenario
+from pipeline.scenario import NO_STRUCTURE, Scenario
 from sensors.json_values import Json, fields_of
+
+SIMULATE = "simulate:"  # beginning of the source of what is simulated
 
 
 def recording_tables(info: RecordingInfo) -> list[Table]:
@@ -42,6 +45,34 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
             f"{status.busy_s:.2f}",
         )
     return [channels, units] + ([nodes] if info.health else [])
+
+
+def metadata_lines(info: RecordingInfo) -> list[str]:
+    """Return what a recording states of itself, "section.key = text".
+
+    Without what would mislead: the structure's settings of a scenario that has no structure, and
+    the duration of the scenario's simulation where the samples are not simulated.
+    """
+    scenario = dict(info.metadata.get("scenario", {}))
+    if _described(scenario.get("toml", "")) == NO_STRUCTURE:
+        scenario["structure"] = NO_STRUCTURE
+    if not info.metadata.get("pilewatch", {}).get("source", "").startswith(SIMULATE):
+        scenario.pop("duration", None)
+    return [
+        f"{section}.{key} = {text}"
+        for section, texts in info.metadata.items()
+        for key, text in (scenario if section == "scenario" else texts).items()
+        if "\n" not in text
+    ]
+
+
+def _described(scenario: str) -> str:
+    """The description that the text of a scenario names; "" where it does not."""
+    try:
+        turbine = tomllib.loads(scenario).get("turbine", {})
+    except tomllib.TOMLDecodeError:
+        return ""
+    return str(turbine.get("description", "")) if isinstance(turbine, dict) else ""
 
 
 def info_json(info: RecordingInfo) -> Json:

@@ -19,7 +19,7 @@ from pipeline.monitoring.alarms.alarm_log import (
     decoded_notices,
     encoded_notices,
 )
-from pipeline.monitoring.alarms.alarm_rules import AlarmCondition, AlarmRules
+from pipeline.monitoring.alarms.alarm_rules import WHOLE_SESSION, AlarmCondition, AlarmRules
 from pipeline.monitoring.alarms.channels import AlarmChannel
 from pipeline.monitoring.alarms.heartbeat import AlarmHeartbeat, Pulse
 from pipeline.monitoring.alarms.outbox import DeliveryState, DeliveryThread, Outbox
@@ -34,7 +34,6 @@ FOLDER, BOOK = "notices", "notices.json"  # within a session's folder
 ALARMS_KEY = "pilewatch/@notices"  # no stream's key expression matches what begins with @
 DELIVERY_PATIENCE = 5.0  # at the end, for what is on its way [s]
 CHECKED_EVERY = 1_000_000_000  # the log for ends and reminders, the channels for failures [ns]
-WHOLE_SESSION = "session"  # in place of a turbine, for alarms about the session itself
 
 
 class AlarmNode(Sink):

@@ -41,6 +41,7 @@ SILENT_AFTER = 30.0  # without a block of a unit whose stream has not ended [s]
 LOST_AFTER = 60.0  # without a status of a node; one that works on a window has no time for any [s]
 LINK = ("link-down", "quiet")  # codes of a feed that explain the silence of its unit
 LOOKED_EVERY = 1.0  # time between two checks of silence [s]
+WHOLE_SESSION = "session"  # in place of a turbine, for alarms about the session itself
 
 
 @dataclass(frozen=True, slots=True)

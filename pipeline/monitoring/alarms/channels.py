@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 import aiosmtplib
 import httpx
 
-from pipeline.monitoring.alarms.alarm_rules import moment_text
+from pipeline.monitoring.alarms.alarm_rules import WHOLE_SESSION, moment_text
 from pipeline.monitoring.alarms.settings import (
     AlarmError,
     AlarmSettings,
@@ -208,7 +208,8 @@ class Mail:
 
     def _message(self, message: JsonBody) -> EmailMessage:
         mail = EmailMessage()
-        mail["Subject"] = " ".join(f"[pilewatch] {message['text']}".split())[:LONGEST_SUBJECT]
+        headline = _headline(message)
+        mail["Subject"] = " ".join(f"[pilewatch] {headline}".split())[:LONGEST_SUBJECT]
         mail["From"] = self._settings.sender
         mail["To"] = ", ".join(self._settings.recipients)
         mail["Date"] = formatdate(message["last_ns"] / 1e9)
@@ -217,7 +218,7 @@ class Mail:
         first, last = moment_text(message["first_ns"]), moment_text(message["last_ns"])
         seen = "once" if message["count"] == 1 else f"{message['count']} times"
         when = f"at {first}" if first == last else f"since {first}, last at {last}"
-        lines = [message["text"], "", f"kind {message['kind']}, seen {seen}, {when}"]
+        lines = [headline, "", f"kind {message['kind']}, seen {seen}, {when}"]
         if message["occasion"] in ("raised", "reminder"):
             lines.append(
                 f"acknowledge it on {message['host']}: "
@@ -225,6 +226,14 @@ class Mail:
             )
         mail.set_content("\n".join([*lines, ""]))
         return mail
+
+
+def _headline(message: JsonBody) -> str:
+    """The text of a message; where it is about the whole session, after its machine's name."""
+    text = str(message["text"])
+    if message["turbine"] != WHOLE_SESSION:
+        return text
+    return f"{message['host']}: {text.removeprefix(f'{WHOLE_SESSION}: ')}"
 
 
 class Mqtt:

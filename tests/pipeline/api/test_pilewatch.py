@@ -274,3 +274,12 @@ def test_what_is_computed_is_computed_in_one_thread_on_any_machine(
             with pytest.raises(pw.InputError):
                 door()
     assert threads == {name: {1} for name in ("identify", "simulate", "modes", "update")}
+
+
+def test_a_file_keeps_the_rate_of_its_stamps_whatever_rate_is_given(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rows = "".join(f"{i / 50:.3f},{i % 7}.5\n" for i in range(200))
+    (tmp_path / "tower.csv").write_text("time,z145-fa\n" + rows)
+    assert pw.read(tmp_path / "tower.csv", sampling_rate=40.0).sampling_rate == 50.0
+    assert "its own time is followed" in caplog.text

@@ -116,3 +116,23 @@ def test_a_time_under_another_name_is_left_out_where_the_rate_is_stated(
     printed = capsys.readouterr().out
     assert 'name = "ch1"' in printed
     assert 'name = "Punkt"' not in printed
+
+
+def test_info_of_measured_samples_states_neither_a_structure_nor_a_simulations_duration(
+    nameless: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("import two.csv --template", monkeypatch) == 0
+    layout = capsys.readouterr().out.replace("elevation = 0.0", "elevation = 20.0")
+    Path("layout.toml").write_text(layout)
+    rate = "--sampling-rate 20 --layout layout.toml"
+    assert call(f"import two.csv -o modes.mcap {rate}", monkeypatch) == 0
+    assert call(f"import two.csv -o tower.mcap {rate} --scenario parked", monkeypatch) == 0
+    capsys.readouterr()
+    assert call("info modes.mcap", monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert "scenario.structure = none" in printed
+    assert "scenario.duration" not in printed
+    assert call("info tower.mcap", monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert "scenario.structure = exact" in printed
+    assert "scenario.duration" not in printed

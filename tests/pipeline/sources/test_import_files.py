@@ -284,6 +284,35 @@ def test_the_template_is_a_layout_that_can_be_filled_in(tmp_path: Path) -> None:
     assert [channel.name for channel in layout.channels] == ["A", "B"]
 
 
+def test_the_template_has_the_heights_and_axes_that_names_state(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", "t,85m_FA [g],85m_SS,ch\n0,1,2,3\n1,1,2,4\n2,1,3,2\n")
+    printed = layout_template(channels_in(path))
+    assert "elevation = 85.0                   # above mean water level [m]: from '85m'" in printed
+    with pytest.raises(InputError, match=r"\[\[channels\]\] 3: the key 'elevation' is missing"):
+        load_layout(written(tmp_path / "layout.toml", printed))
+    printed = printed.replace("# elevation = ", "elevation = 40 # ")
+    channels = load_layout(written(tmp_path / "layout.toml", printed)).channels
+    assert [(each.elevation, each.direction) for each in channels] == [
+        (85.0, (1.0, 0.0, 0.0)),
+        (85.0, (0.0, 1.0, 0.0)),
+        (40.0, (1.0, 0.0, 0.0)),
+    ]
+    first, second = printed.split("[[channels]]")[1:3]
+    assert "# unit and sensitivity: the file states m/s²" in first
+    assert "# sensitivity = 1.0" in second
+
+
+def test_what_the_template_proposes_is_read_when_it_is_uncommented(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", "t,85m_FA,85m_SS\n0,1,2\n1,1,2\n2,1,3\n")
+    printed, _, _ = layout_template(channels_in(path)).partition("# [time]")
+    for key in ("unit", "sensitivity", "coupling", "corner_frequency", "quantity"):
+        assert f"\n# {key} = " in printed
+        printed = printed.replace(f"\n# {key} = ", f"\n{key} = ")
+    first, _ = load_layout(written(tmp_path / "layout.toml", printed)).channels
+    assert (first.coupling, first.sensitivity, first.unit) == ("ac", 1.0, "m/s²")
+    assert first.accelerometer("m/s²").corner_frequency > 0
+
+
 def test_an_imported_recording_runs_under_the_scenario_it_was_given(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", text(SAMPLES))
     command = ["import", str(path), "-o", str(tmp_path / "a.mcap")]

@@ -9,6 +9,7 @@ import ssl
 import threading
 import time
 from dataclasses import replace
+from email.header import decode_header, make_header
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,20 @@ def test_a_mail_says_it_in_its_subject_and_how_to_acknowledge_it() -> None:
     ]
     assert b"pilewatch ack" not in over.get_payload(decode=True)  # type: ignore[operator]
     assert server.recipients == 2 * ["a@example.org", "b@example.org"]
+
+
+def test_a_mail_about_the_whole_session_begins_with_its_machine() -> None:
+    settings = MailSettings("127.0.0.1", "p@example.org", ("a@example.org",), free_port(), False)
+    about = {"turbine": "session", "text": "session: over: the recorder waits"}
+    with mail_server(settings.port) as server:
+        Mail("mail-1", settings).send(MESSAGE | about)
+        Mail("mail-1", settings).send(MESSAGE)
+
+    whole, turbine = (str(make_header(decode_header(each["Subject"]))) for each in server.received)
+    assert whole == "[pilewatch] shore-1: over: the recorder waits"
+    assert turbine == "[pilewatch] t1: k22 fell by 10 % ± 1 %"
+    (first, *_) = server.received[0].get_payload(decode=True).splitlines()  # type: ignore[union-attr]
+    assert first == b"shore-1: over: the recorder waits"
 
 
 def test_a_mail_goes_over_starttls_with_the_password_of_the_environment(
