@@ -22,7 +22,7 @@ def cut_links(port: int) -> int:
     shut = 0
     for each in os.listdir("/proc/self/fd"):
         with suppress(OSError), socket.socket(fileno=os.dup(int(each))) as copy:
-            if copy.getpeername()[1] == port:
+            if copy.family == socket.AF_INET and copy.getpeername()[1] == port:
                 copy.shutdown(socket.SHUT_RDWR)
                 shut += 1
     return shut
