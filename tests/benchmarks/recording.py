@@ -1,6 +1,6 @@
 """How fast recordings are written and read, and how large an hour is.
 
-python -m tests.benchmarks recording [--minutes N] [--turbines N]
+python -m tests.benchmarks recording [--minutes N] [--turbines N] [--write]
 
 One tower, eight channels at 40 Hz, noise in steps of 2⁻¹⁴ m/s²; a block a second. Then a session's
 recorder, with all that it does beside writing (what was recorded before, room on the disk, parts,
@@ -25,6 +25,7 @@ from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.writer import Recorder, RecorderSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.arrays import FloatArray
+from tests.benchmarks._results import keep
 
 ADC_STEP = 2.0**-14  # [m/s²]
 START_NS = 1_700_000_000 * NANOSECONDS
@@ -35,8 +36,10 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks recording")
     parser.add_argument("--minutes", type=int, default=60)
     parser.add_argument("--turbines", type=int, default=200)
+    parser.add_argument("--write", action="store_true")
     options = parser.parse_args(arguments)
     blocks = made_up_blocks(60 * options.minutes)
+    mb_a_day = {}  # by the age at which a chunk is closed; a live run's is a second
     print("chunk [s]   MB an hour   written   read   info   salvaged   [blocks a CPU second]")
     with tempfile.TemporaryDirectory() as folder:
         for chunk_duration in (1.0, 10.0, 60.0, 600.0):
@@ -48,11 +51,15 @@ def main(arguments: list[str]) -> None:
             path.write_bytes(whole[:-100])
             salvaged = speed(blocks, lambda p=path: salvage(p, p.with_suffix(".salvaged")))
             size = len(whole) * 60 / options.minutes * 1e-6
+            mb_a_day[f"chunk of {chunk_duration:g} s"] = round(24 * size)
             print(
                 f"{chunk_duration:9g}   {size:10.2f}   {written:7.0f}  {read:6.0f} "
                 f"{info:6.0f} {salvaged:8.0f}"
             )
         print(told(session_recorder(Path(folder), blocks, options.turbines)))
+    if options.write:
+        command = f"python -m tests.benchmarks recording --minutes {options.minutes} --write"
+        keep("recording", {"mb_a_day": mb_a_day}, command=command, depends=("pipeline/recording",))
 
 
 @dataclass(frozen=True, slots=True)
