@@ -119,7 +119,7 @@ class TurbineView:
         self._nodes = NodeView(recording, root, period=rates.nodes)
         self._status = SessionStatus(turbine, title=description.title, has_structure=has_structure)
         self._estimates = BoundedDict[int, ModalEstimate](MOST_AHEAD)
-        """By window, the last without a posterior."""
+        """By the end of their window [ns]: without a posterior, and of the last posterior."""
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
         self._truth: FoundationTruth | None = None
         self._sized = False  # a change of known size was detected
@@ -185,7 +185,7 @@ class TurbineView:
 
     def draw_estimate(self, estimate: ModalEstimate) -> None:
         """Draw identified frequencies; the posterior adds shapes and tracks."""
-        self._estimates.put(estimate.window, estimate)
+        self._estimates.put(estimate.end_ns, estimate)
         layout = self._layouts.named(estimate.layout_id)
         self._at(estimate.end_ns)
         track_views.log_estimate(
@@ -324,11 +324,12 @@ class TurbineView:
         plane_views.log_indicators(recording, root, self._status.indicators)
 
     def _estimate_of(self, posterior: FoundationPosterior) -> ModalEstimate | None:
-        """Return the estimate of the posterior's window; it and earlier ones are then dropped.
+        """Return the estimate of the posterior's window; earlier ones are then dropped.
 
-        In a fast replay the identification runs windows ahead of the updating.
+        In a fast replay the identification runs windows ahead of the updating. It stays for a
+        posterior that comes again, as of an updating that was killed; an identification that was
+        counts its windows from 0 again.
         """
-        estimate = self._estimates.get(posterior.window)
-        for window in [each for each in self._estimates if each <= posterior.window]:
-            del self._estimates[window]
-        return estimate
+        for end_ns in [each for each in self._estimates if each < posterior.time_ns]:
+            del self._estimates[end_ns]
+        return self._estimates.get(posterior.time_ns)

@@ -255,6 +255,22 @@ def test_two_modes_of_one_pair_stand_at_the_model_modes_whose_shapes_they_have(t
         assert dots[:, across].max() < 0.1 * dots[:, 1 - across].max()
 
 
+def test_a_posterior_that_comes_again_keeps_its_windows_identified_shapes(tmp_path: Path):
+    """After kills: the identification counts its windows from 0 again, and the updating repeats its
+    last posterior. On main before, the second one erased all identified dots."""
+    messages = list(session(Episode(n_windows=2)))
+    *_, estimate = (each for each in messages if isinstance(each, ModalEstimate))
+    *_, posterior = (each for each in messages if isinstance(each, FoundationPosterior))
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    for message in (LAYOUT, replace(estimate, window=0), posterior, posterior):
+        viewer.handle(message)
+    viewer.close()
+    motion = f"{ROOT}/shapes/5/motion/identified"
+    drawn = Recorded(tmp_path / "s.rrd").column(motion, "Points3D:positions")
+    assert [len(dots) for dots in drawn] == [len(drawn[0])] * len(drawn)
+    assert len(drawn[-1]) > 0
+
+
 def test_a_mode_that_is_paired_later_gets_its_place_in_the_models_order(tmp_path: Path):
     """Of a description without reference modes; two of one pair get both their places."""
     messages = list(session(Episode(n_windows=1)))
@@ -577,7 +593,8 @@ def test_windows_that_no_posterior_answers_do_not_gather(tmp_path: Path) -> None
     for number in range(MOST_AHEAD + 5):
         view.draw_estimate(estimate(mode(0.16, np.ones(8)), number=number))
     recording.disconnect()
-    assert [*view._estimates] == [*range(5, MOST_AHEAD + 5)]
+    kept = [each.window for each in view._estimates.values()]
+    assert kept == [*range(5, MOST_AHEAD + 5)]
 
 
 def test_without_a_structure_the_status_is_of_modes(modes_only: Recorded) -> None:
