@@ -13,7 +13,8 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.bounded_dict import BoundedDict
 from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.json_samples import MessageError, json_of
-from sensors.feeds.payloads.mapping import TIME_UNITS, Paths, PayloadMapping, looked_up
+from sensors.feeds.payloads.mapping import TIME_UNITS, PayloadMapping, looked_up
+from sensors.feeds.payloads.payload_place import PayloadPlace
 from sensors.feeds.payloads.sequence_numbers import SenderNumbers
 from sensors.feeds.payloads.sparkplug import RebirthRequests, SparkplugDecoder
 from sensors.feeds.payloads.timestamps import LATEST_NS, moment_ns
@@ -21,54 +22,9 @@ from sensors.feeds.protocol import ChannelSamples, FeedCounts
 
 MOST_SAMPLE_ROWS = 100_000  # of one message
 DEEPEST_PAYLOAD = 6  # levels of values in values
-_CONSTANTS: dict[str, Any] = {"$zero": 0, "$empty": ""}
 _NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "none"})  # as loggers write it
 _WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-_LEVEL = re.compile(r"\$topic\[(-?\d+)\]")
-
-
-@dataclass(frozen=True, slots=True)
-class PayloadPlace:
-    """Where paths are looked up."""
-
-    message: Any
-    """The whole message."""
-    row: Any
-    """One row of it."""
-    key: str
-    """Of the row, if the rows are an object."""
-    topic: str
-    """Of the message."""
-
-    def first(self, paths: Paths) -> Any:
-        """What the first path that leads somewhere leads to; None if none does."""
-        for path in paths:
-            found = self._of(path)
-            if found is not None:
-                return found
-        return None
-
-    def has(self, paths: Paths) -> bool:
-        """Whether one of the paths leads somewhere, if only to null."""
-        return any(self._of(path) is not None or self._is_null(path) for path in paths)
-
-    def _is_null(self, path: str) -> bool:
-        """Whether a key is there and has no value."""
-        content = self.message if path.startswith("^") else self.row
-        outer, _, key = path.removeprefix("^").rpartition(".")
-        return key in within if isinstance(within := looked_up(content, outer), dict) else False
-
-    def _of(self, path: str) -> Any:
-        if path == "$key":
-            return self.key
-        if path in _CONSTANTS:
-            return _CONSTANTS[path]
-        if level := _LEVEL.fullmatch(path):
-            return looked_up(self.topic.split("/"), f"[{level[1]}]")
-        if path.startswith("^"):
-            return looked_up(self.message, path[1:])
-        return looked_up(self.row, path)
 
 
 @dataclass(frozen=True, slots=True)

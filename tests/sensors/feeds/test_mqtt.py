@@ -24,11 +24,12 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.scada import ScadaSample
 from sensors.feeds.address import parsed
 from sensors.feeds.live import LiveFeed, Measured
-from sensors.feeds.mqtt import MqttFeed, SamplesReader, pass_over_closed_socket
+from sensors.feeds.mqtt import MqttFeed, SamplesReader
 from sensors.feeds.open_feed import open_feed
 from sensors.feeds.payloads.frame import Frame, encoded
 from sensors.feeds.position import position_file
 from sensors.feeds.protocol import FeedCounts, FeedError
+from sensors.feeds.socket_reading import pass_over_closed_socket
 from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.broker import Broker, broker, free_port, mosquitto, publisher
 from tests.sensors.feeds.payloads.shapes import sparkplug, thingsboard
@@ -469,7 +470,7 @@ def test_what_a_broker_has_kept_comes_whole_however_much_it_is(
     running: Broker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It comes before the broker's answer to the subscription."""
-    monkeypatch.setattr("sensors.feeds.mqtt.WAITING_MESSAGES", 20)
+    monkeypatch.setattr("sensors.feeds.socket_reading.WAITING_MESSAGES", 20)
     address = f"mqtt://127.0.0.1:{running.port}/many/#?client=many-{free_port()}"
     live = open_feed(address, LAYOUT)
     measured_until(live, lambda: live.counts.connected, lambda: None)
