@@ -187,6 +187,8 @@ def _sniff(address: str, seconds: float) -> None:
         f"{found.refused} of {len(messages)} messages not read",
         markup=False,
     )
+    if found.is_text:
+        output.print("The numbers are text: those of the layout's channels are read.", markup=False)
     output.print(_advice(found.mapping, found.toml), markup=False)
 
 

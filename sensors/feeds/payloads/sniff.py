@@ -1,5 +1,7 @@
 """What a sender's messages are, and which mapping reads them: `pilewatch feed … --sniff`."""
 
+import json
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -11,7 +13,7 @@ import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.feeds.payloads.json_samples import JsonReader, MessageError, json_of
-from sensors.feeds.payloads.mapped_reader import MappedReader
+from sensors.feeds.payloads.mapped_reader import MappedReader, number_in
 from sensors.feeds.payloads.mapping import PayloadMapping, looked_up, presets
 from sensors.feeds.payloads.timestamps import moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
@@ -45,6 +47,8 @@ class Sniffed:
     """Messages that the mapping does not read [-]."""
     reason: str = ""
     """Why nothing reads them, if that is known."""
+    is_text: bool = False
+    """Whether the numbers are written as text: then a feed reads channels of its layout alone."""
 
 
 def sniffed(messages: Sequence[tuple[str, bytes]]) -> Sniffed:
@@ -64,7 +68,9 @@ def sniffed(messages: Sequence[tuple[str, bytes]]) -> Sniffed:
     best = min(read, key=lambda name: (read[name][1], ORDER.index(name)))
     pieces, refused = read[best]
     if not pieces:
-        return Sniffed("", "", {}, (), float("nan"), len(messages), _why_none(messages))
+        return _sniffed_as_text(messages) or Sniffed(
+            "", "", {}, (), float("nan"), len(messages), _why_none(messages)
+        )
     toml = (
         toml_of(proposal, _by_place(proposal, pieces))
         if best == "proposed" and proposal is not None
@@ -75,6 +81,36 @@ def sniffed(messages: Sequence[tuple[str, bytes]]) -> Sniffed:
         channels.update({name: len(piece.samples) for name in piece.names})
     units = tuple(sorted({piece.unit for piece in pieces if piece.unit}))
     return Sniffed(best, toml, dict(channels), units, _rate(pieces), refused)
+
+
+def _sniffed_as_text(messages: Sequence[tuple[str, bytes]]) -> Sniffed | None:
+    """The same of messages with all their numbers in text; None if they have none, or nothing reads
+    them either."""
+    rewritten = [(topic, _with_numbers(payload)) for topic, payload in messages]
+    if rewritten == list(messages):
+        return None
+    found = sniffed(rewritten)
+    return replace(found, is_text=True) if found.mapping else None
+
+
+def _with_numbers(payload: bytes) -> bytes:
+    """A JSON message with numbers where it has them as text; any other as it is."""
+    try:
+        message = json_of(payload)
+    except MessageError:
+        return payload
+    changed = _as_numbers(message, 0)
+    return payload if changed == message else json.dumps(changed).encode()
+
+
+def _as_numbers(content: Any, depth: int) -> Any:
+    if depth > DEEPEST_SNIFFED:
+        return content
+    if isinstance(content, dict):
+        return {key: _as_numbers(inner, depth + 1) for key, inner in content.items()}
+    if isinstance(content, list):
+        return [_as_numbers(inner, depth + 1) for inner in content]
+    return content if number_in(content) is math.nan else number_in(content)
 
 
 def _by_place(mapping: PayloadMapping, pieces: Sequence[ChannelSamples]) -> str:

@@ -450,6 +450,23 @@ def test_sniffing_proposes_nothing_for_samples_without_a_rate_and_names_the_reas
     assert 'values = "a" and sampling_rate = HZ read them' in found.reason
 
 
+@pytest.mark.parametrize("topic", ["x", "tower/x"])
+def test_sniffing_sees_numbers_that_are_all_text(topic: str, tmp_path: Path) -> None:
+    values = {"ax": "0.0125", "ay": "-1.5e-3", "state": "ok", "none": ""}
+    messages = [(topic, encoded({"ts": time_ms(i), "v": values})) for i in range(0, 80, 4)]
+    found = sniffed(messages)
+
+    assert (found.is_text, found.channels, found.refused) == (True, {"ax": 20, "ay": 20}, 0)
+    assert found.sampling_rate == pytest.approx(RATE / 4)
+    samples = read_as_proposed(messages, tmp_path, ("ax", "ay"))
+    np.testing.assert_array_equal(samples, [[0.0125, -0.0015]] * 20)
+
+
+def test_text_without_any_number_is_no_text_of_numbers() -> None:
+    found = sniffed([("x", encoded({"ts": time_ms(i), "v": {"a": "open"}})) for i in range(20)])
+    assert (found.mapping, found.is_text) == ("", False)
+
+
 def test_sniffing_names_messages_without_a_time_as_the_reason() -> None:
     found = sniffed([("x", encoded({"no": i, "a": [1, 2]})) for i in range(20)])
     assert (found.mapping, found.refused) == ("", 20)
