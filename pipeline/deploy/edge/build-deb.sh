@@ -47,7 +47,7 @@ Maintainer: pilewatch
 Depends: $python
 Installed-Size: $(du -sk "$root" | cut -f1)
 Description: publishes a tower's instruments to a pilewatch shore station
- The commands publish and feed, with MQTT. Settings stand in /etc/pilewatch; an instrument is
+ The commands publish and feed, with MQTT and SeedLink. Settings stand in /etc/pilewatch; an instrument is
  started by systemctl enable --now pilewatch-feed@NAME.
 END
 dpkg-deb --root-owner-group --build "$root" "$folder/pilewatch-edge_${version}_$architecture.deb"

@@ -117,10 +117,12 @@ def test_an_image_has_the_extras_commands_and_stages_that_it_names(image: str) -
     copied = [text for name, text in found if name == "COPY" and "--from=" in text]
     assert [re.findall(r"--from=(\w+)", text) for text in copied] == [stages]
     assert [text for name, text in found if name == "USER"][-1] == "pilewatch"
-    project = tomllib.loads((EXAMPLES.parents[2] / "pyproject.toml").read_text())["project"]
-    extras = re.findall(r"/src\[([\w,]+)\]", " ".join(text for _, text in found))
-    assert extras
-    assert set(extras[0].split(",")) <= set(project["optional-dependencies"])
+    runs = " ".join(text for _, text in found)
+    ((folder, extras),) = re.findall(r"/src((?:/\w+)*)\[([\w,]+)\]", runs)
+    project = tomllib.loads((EXAMPLES.parents[2] / f".{folder}/pyproject.toml").read_text())[
+        "project"
+    ]
+    assert set(extras.split(",")) <= set(project["optional-dependencies"])
     start = {name: json.loads(text) for name, text in found if name in ("ENTRYPOINT", "CMD")}
     program, command, *_ = [*start["ENTRYPOINT"], *start.get("CMD", [])]
     assert program in project["scripts"]
