@@ -38,6 +38,7 @@ MODAL_COLOUR, SEA_COLOUR = (3.0, 2.0), (2.0, 2.0)  # mean and std of c: white to
 # accelerations; from displacements or tilt (0) to accelerations (4)
 DAMPING = (np.log(0.02), 1.2)  # mean and std of ln ζ
 ENHANCEMENT = (np.log(2.5), 0.7)  # of ln γ
+HIGHEST_LEVEL = 500.0  # ln of a power that a step too far may try: what floats hold [nats]
 ENHANCEMENTS = np.array([1.2, 4.0, 7.0])  # γ that fits begin with: of wind seas and of swell
 
 
@@ -197,7 +198,8 @@ def _least_cost(
 
     def cost(x: FloatArray) -> float:
         level, place, form, c, background, flank = x
-        expected = np.exp(level + c * slope) * model(relative, place, form)
+        steep = np.minimum(level + c * slope, HIGHEST_LEVEL)
+        expected = np.exp(steep) * model(relative, place, form)
         expected = expected + np.exp(background) + np.exp(flank) * beside
         lines = float(np.sum(np.log(expected) + powers / expected))
         known = (

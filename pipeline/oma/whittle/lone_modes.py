@@ -205,8 +205,8 @@ def _has_phases(pole: Mode, spectrum: WindowSpectrum) -> bool:
     """Whether the channels surely have phases of their own, as beside a discrete damper.
 
     Shapes of the lines' model are real: the correlated forces of its neighbours, or a second mode
-    beside it, take what is imaginary, and ζ moves. Of a shape that is nearly real MPC is 1 − 4 |Im φ|²/|φ|²
-    (of the scaled channels), and the imaginary part is known as the real one is.
+    beside it, take what is imaginary, and ζ moves. Of a shape that is nearly real (of the scaled
+    channels) MPC is 1 − 4 |Im φ|²/|φ|², and the imaginary part is known as the real one is.
     """
     scales = spectrum.accelerations(pole.frequency)
     shape, std = pole.shape / scales, pole.shape_std / scales
