@@ -53,7 +53,9 @@ SAME_SHAPE = 0.8  # MAC of the shapes by the poles and by the lines
 # know most (Hausman 1978, Econometrica 46); of 180 modes of `structures` (seeds 140001 to 140120)
 # two differed by more, both were 6 and 9 attainable std wrong
 SHIFTED = 3.5
-PHASES = 10.0  # |Im φ|² of a pole over the variance of its shape: beyond chance by far; of 57 poles
+SURELY_COMPLEX = (
+    10.0  # |Im φ|² of a pole over the variance of its shape: beyond chance by far; of 57 poles
+)
 # of real shapes the most was 6, of 32 beside dampers or unequal clocks 13 had more [-]
 POLES_SHARE = (
     0.3  # of the pole's std: of 64 modes of `records` (seeds 5021 to 5090) a 95 % interval
@@ -211,7 +213,7 @@ def _has_phases(pole: Mode, spectrum: WindowSpectrum) -> bool:
     scales = spectrum.accelerations(pole.frequency)
     shape, std = pole.shape / scales, pole.shape_std / scales
     imaginary = 0.25 * (1 - pole.phase_collinearity) * float(shape @ shape)
-    return imaginary > PHASES * float(std @ std)
+    return imaginary > SURELY_COMPLEX * float(std @ std)
 
 
 def _near(mode: Mode, hidden: Mode) -> bool:
