@@ -277,7 +277,9 @@ def _judged(
     judged, duration = _Judged(), len(steady) / sampling_rate
     for each in merged([band.modes for band in by_band], [band.band for band in by_band]):
         mode = each.mode
-        if hardly_damped(mode) and is_harmonic(steady, sampling_rate, mode.frequency):
+        if hardly_damped(mode) and is_harmonic(
+            steady, sampling_rate, mode.frequency, _least_half_bandwidth(mode)
+        ):
             judged.harmonics.append(mode)
         elif each.between:
             judged.refused.append(between(mode, each.between))
@@ -352,6 +354,12 @@ def hardly_damped(mode: Mode) -> bool:
     seem hardly damped; but then its damping is known vaguely, that of a harmonic well.
     """
     return bool(mode.damping_ratio + np.nan_to_num(mode.damping_ratio_std) < HARMONIC_DAMPING)
+
+
+def _least_half_bandwidth(mode: Mode) -> float:
+    """ζ f with ζ one std less than identified, no less than 0 [Hz]."""
+    std = float(np.nan_to_num(mode.damping_ratio_std))
+    return max(0.0, mode.damping_ratio - std) * mode.frequency
 
 
 def why_refused(

@@ -44,6 +44,9 @@ NON_STATIONARY = "non-stationary"  # code of the warning
 STEADY_ENVELOPE = 0.15  # std/mean of a harmonic's amplitude; 0.52 for a mode under random load
 HARMONIC_DAMPING = 0.003  # an identified mode of less may be a harmonic [-]
 ENVELOPE_LINES = 6  # half-width of the band the envelope is taken in, in lines 1/T
+TAPER_LINES = 2  # to either side of a harmonic's, that a Hann window spreads it over
+RESONANCE_WIDTHS = 3.0  # half bandwidths to either side that hold most of a resonance
+CHANCE_OF_LINE = 1e-3  # that a mode has a line so far above those beside it [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,13 +344,17 @@ def _decay_in_words(decay: RingDown) -> str:
     )
 
 
-def is_harmonic(samples: FloatArray, sampling_rate: float, frequency: float) -> bool:
+def is_harmonic(
+    samples: FloatArray, sampling_rate: float, frequency: float, half_bandwidth: float = 0.0
+) -> bool:
     """Whether what shakes at a frequency is a machine's harmonic and no mode.
 
-    samples   (n, n_channels), free of offset
+    samples          (n, n_channels), free of offset
+    half_bandwidth   ζ f that a mode there has at least [Hz]
 
     A harmonic keeps its amplitude; a mode under random load swells and fades (its envelope has
-    a Rayleigh distribution, std/mean 0.52). Judged on the channel with the most power there.
+    a Rayleigh distribution, std/mean 0.52). A weak one beside modes does not keep it, but is one
+    line. Judged on the channel with the most power there.
     """
     lines = lines_of_channels(samples, np.ones(samples.shape[1]), np.hanning(len(samples)))
     centre = round(frequency * len(samples) / sampling_rate)
@@ -359,7 +366,33 @@ def is_harmonic(samples: FloatArray, sampling_rate: float, frequency: float) -> 
     taper = np.hanning(64)
     inner = slice(12, 52)  # where the taper can be divided out again
     envelope = np.abs(np.fft.ifft(narrow))[inner] / taper[inner]
-    return bool(np.std(envelope) < STEADY_ENVELOPE * np.mean(envelope))
+    steady = bool(np.std(envelope) < STEADY_ENVELOPE * np.mean(envelope))
+    width = half_bandwidth * len(samples) / sampling_rate
+    return steady or _is_one_line(np.abs(lines[:, strongest]) ** 2, centre, width)
+
+
+def _is_one_line(powers: FloatArray, centre: int, width: float) -> bool:
+    """Whether one line stands so far above those around it as none of a mode does.
+
+    powers   of tapered lines, (n_lines,)
+    width    half bandwidth of the mode [lines]
+
+    A mode's lines have exponential powers about its resonance, tapered ones two by two alike. Over
+    k half bandwidths to either side the resonance has arctan(k)/k of its peak in the mean: of n
+    independent lines there a further one exceeds R of their means with (1 + R/n)^−n.
+    """
+    reach = round(RESONANCE_WIDTHS * width)
+    if reach <= 2 * TAPER_LINES:
+        return False
+    first = max(1, centre - ENVELOPE_LINES)
+    top = first + int(np.argmax(powers[first : centre + ENVELOPE_LINES + 1]))
+    below = powers[max(1, top - reach) : max(1, top - TAPER_LINES)]
+    above = powers[top + TAPER_LINES + 1 : top + reach + 1]
+    beside = np.concatenate([below, above])
+    n = len(beside) / 2
+    peak_over_mean = RESONANCE_WIDTHS / np.arctan(RESONANCE_WIDTHS)
+    excess = powers[top] / (peak_over_mean * beside.mean())
+    return bool(2 * reach * (1 + excess / n) ** -n < CHANCE_OF_LINE)
 
 
 def mended(samples: FloatArray, findings: Sequence[Finding]) -> FloatArray:

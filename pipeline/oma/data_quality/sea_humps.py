@@ -14,6 +14,7 @@ Source of the spectrum: `sensors/sea_spectrum.py`.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -37,6 +38,8 @@ MODAL_COLOUR, SEA_COLOUR = (3.0, 2.0), (2.0, 2.0)  # mean and std of c: white to
 # accelerations; from displacements or tilt (0) to accelerations (4)
 DAMPING = (np.log(0.02), 1.2)  # mean and std of ln ζ
 ENHANCEMENT = (np.log(2.5), 0.7)  # of ln γ
+HIGHEST_LEVEL = 500.0  # ln of a power that a step too far may try: what floats hold [nats]
+ENHANCEMENTS = np.array([1.2, 4.0, 7.0])  # γ that fits begin with: of wind seas and of swell
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +150,7 @@ def sea_evidence(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -
         _resonance, powers, relative, flanks, (start,), prior=(DAMPING, MODAL_COLOUR)
     )
     sea = _least_cost(
-        _sea, powers, relative, flanks, np.log([1.2, 4.0]), prior=(ENHANCEMENT, SEA_COLOUR)
+        _sea, powers, relative, flanks, np.log(ENHANCEMENTS), prior=(ENHANCEMENT, SEA_COLOUR)
     )
     return resonance - sea
 
@@ -181,7 +184,11 @@ def _least_cost(
     *,
     prior: tuple[tuple[float, float], tuple[float, float]],
 ) -> float:
-    """Least −ln p of the lines, and of what is known beforehand, over a model's parameters."""
+    """Least −ln p of the lines, and of what is known beforehand, over a model's parameters.
+
+    The cost has several minima where a hump stands on the flank of other modes: a start at one
+    colour may end beside the hump, with the background in its place.
+    """
     from scipy.optimize import minimize  # slow to load, and few records show a hump
 
     (mean, std), (colour, colour_std) = prior
@@ -191,7 +198,8 @@ def _least_cost(
 
     def cost(x: FloatArray) -> float:
         level, place, form, c, background, flank = x
-        expected = np.exp(level + c * slope) * model(relative, place, form)
+        steep = np.minimum(level + c * slope, HIGHEST_LEVEL)
+        expected = np.exp(steep) * model(relative, place, form)
         expected = expected + np.exp(background) + np.exp(flank) * beside
         lines = float(np.sum(np.log(expected) + powers / expected))
         known = (
@@ -201,9 +209,9 @@ def _least_cost(
 
     top = float(np.log(np.quantile(powers, 0.9)))
     best = np.inf
-    for start in starts:
+    for start, slant in product(starts, (colour, colour + colour_std)):
         at = float(np.log(model(np.ones(1), 0.0, float(start))[0]))
-        x = np.array([top - at, 0.0, float(start), colour, np.log(floor), np.log(floor)])
+        x = np.array([top - at, 0.0, float(start), slant, np.log(floor), np.log(floor)])
         bounds = [
             (None, None),
             (-3 * PLACE_STD, 3 * PLACE_STD),

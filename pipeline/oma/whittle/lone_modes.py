@@ -53,6 +53,10 @@ SAME_SHAPE = 0.8  # MAC of the shapes by the poles and by the lines
 # know most (Hausman 1978, Econometrica 46); of 180 modes of `structures` (seeds 140001 to 140120)
 # two differed by more, both were 6 and 9 attainable std wrong
 SHIFTED = 3.5
+SURELY_COMPLEX = (
+    10.0  # |Im φ|² of a pole over the variance of its shape: beyond chance by far; of 57 poles
+)
+# of real shapes the most was 6, of 32 beside dampers or unequal clocks 13 had more [-]
 POLES_SHARE = (
     0.3  # of the pole's std: of 64 modes of `records` (seeds 5021 to 5090) a 95 % interval
 )
@@ -112,6 +116,8 @@ def sharpened(
     for mode in sorted(reported, key=lambda each: -over_bound(each, spectrum)):
         others = [each for each in result if each is not mode]
         if failures >= MOST_FAILURES or not _all_known(mode, others, spectrum):
+            continue
+        if _has_phases(mode, spectrum):
             continue
         merged = any(_near(mode, each) for each in found_hidden)
         fitted, hidden = _with_hidden(mode, others, spectrum, settings, merged=merged)
@@ -195,6 +201,19 @@ def _with_hidden(
         return None, [hidden]
     fit, merged = around.fitted(), merged or _near(mode, hidden)
     return _believed(mode, around, fit, spectrum, settings, merged=merged), [hidden]
+
+
+def _has_phases(pole: Mode, spectrum: WindowSpectrum) -> bool:
+    """Whether the channels surely have phases of their own, as beside a discrete damper.
+
+    Shapes of the lines' model are real: the correlated forces of its neighbours, or a second mode
+    beside it, take what is imaginary, and ζ moves. Of a shape that is nearly real (of the scaled
+    channels) MPC is 1 − 4 |Im φ|²/|φ|², and the imaginary part is known as the real one is.
+    """
+    scales = spectrum.accelerations(pole.frequency)
+    shape, std = pole.shape / scales, pole.shape_std / scales
+    imaginary = 0.25 * (1 - pole.phase_collinearity) * float(shape @ shape)
+    return imaginary > SURELY_COMPLEX * float(std @ std)
 
 
 def _near(mode: Mode, hidden: Mode) -> bool:
@@ -314,17 +333,28 @@ def _is_of_pole(
     *,
     merged: bool = False,
 ) -> bool:
-    """Whether a mode of the lines is a resonance, of a shape that is known, and that of a pole."""
+    """Whether a mode of the lines is a resonance, of a shape that is known, and that of a pole.
+
+    A fit that widens a resonance beyond what the pole knows of ζ explains something else with it.
+    """
     width = fitted.half_bandwidth
-    least = (1 - SHARPER**2) * pole.frequency_std**2
-    spread = max(pole.frequency_std**2 - fitted.frequency_std**2, least)
-    shift = NEAR_WIDTHS * bounded_half_bandwidth(pole) if merged else SHIFTED * np.sqrt(spread)
+    shift = SHIFTED * _std_of_difference(pole.frequency_std, fitted.frequency_std)
+    wider = SHIFTED * _std_of_difference(pole.damping_ratio_std, fitted.damping_ratio_std)
+    if merged:
+        shift, wider = NEAR_WIDTHS * bounded_half_bandwidth(pole), np.inf
     return bool(
         width * spectrum.duration >= RESONANCE_WIDTH
         and fitted.shape_std.max() <= settings.maximum_shape_std
         and abs(fitted.frequency - pole.frequency) <= shift
+        and fitted.damping_ratio - pole.damping_ratio <= wider
         and mac(fitted.shape, pole.shape) > SAME_SHAPE
     )
+
+
+def _std_of_difference(by_pole: float, by_lines: float) -> float:
+    """√(var(pole) − var(lines)), no less than where the lines are hardly sharper."""
+    least = (1 - SHARPER**2) * by_pole**2
+    return float(np.sqrt(max(by_pole**2 - by_lines**2, least)))
 
 
 def _of_pole(fitted: Mode, pole: Mode) -> Mode:

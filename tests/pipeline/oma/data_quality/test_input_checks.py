@@ -105,6 +105,30 @@ def test_a_machines_harmonic_is_no_mode(record: np.ndarray) -> None:
         assert [m for m in result.modes if abs(m.frequency / frequency - 1) < 0.01]
 
 
+def test_a_weak_harmonic_in_noise_is_one_line() -> None:
+    """Half of the time its amplitude, a fifth of the std of the noise, does not look steady."""
+    n, found = round(900 * RATE), 0
+    for seed in range(615400, 615410):
+        generator = np.random.default_rng(seed)
+        tone = 0.2 * np.sin(2 * np.pi * 3.002 * np.arange(n) / RATE)
+        samples = tone[:, None] * [1.0, -0.5] + generator.standard_normal((n, 2))
+        found += is_harmonic(samples, RATE, 3.0, half_bandwidth=5 / 900)
+    assert found >= 9
+
+
+@pytest.mark.parametrize("damping", [0.0005, 0.001, 0.002])
+def test_a_hardly_damped_mode_is_more_than_one_line(damping: float) -> None:
+    n = round(1800 * RATE)
+    ratio = np.fft.rfftfreq(n, 1 / RATE) / 5.0
+    gain = ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
+    for seed in range(615410, 615440):
+        generator = np.random.default_rng(seed)
+        force = generator.standard_normal((2, len(gain)))
+        motion = np.fft.irfft(gain * (force[0] + 1j * force[1]), n)
+        samples = np.outer(motion, [1.0, -0.5]) + 1e-3 * generator.standard_normal((n, 2))
+        assert not is_harmonic(samples, RATE, 5.0, half_bandwidth=5.0 * damping)
+
+
 @pytest.mark.parametrize(
     ("damping", "std", "harmonic"),
     [(0.0001, 0.0008, True), (0.0004, 0.0025, True), (0.0018, 0.0023, False), (0.005, 0.0, False)],

@@ -65,3 +65,15 @@ def test_most_seas_are_refused() -> None:
 def test_a_mode_in_the_band_of_waves_stays(frequency: float, damping_ratio: float) -> None:
     for seed in range(203930, 203936):
         assert not of_a_mode(seed, frequency, damping_ratio).refused
+
+
+@pytest.mark.parametrize("seed", range(615390, 615396))
+def test_swell_on_the_flank_of_a_mode_is_not_passed_in_silence(seed: int) -> None:
+    """A narrow hump that wind and the first mode's flank rise about, from several minima."""
+    f = lines()
+    r = f / 0.265
+    force = 1 / (1 + (f / 0.05) ** (5 / 3))
+    force += 8 * jonswap(f, peak_frequency=0.13, peak_enhancement=7.0)
+    samples = record(r**4 / ((1 - r**2) ** 2 + (0.04 * r) ** 2) * force, seed)
+    found = without_sea_humps([mode(0.135, 0.035), mode(0.265, 0.02)], samples, RATE)
+    assert found.refused or found.warnings

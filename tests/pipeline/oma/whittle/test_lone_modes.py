@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Mode, RefusedMode
+from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.lone_modes import borne_out, by_its_lines, sharpened
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
@@ -94,3 +95,41 @@ def test_a_vague_pole_of_noise_is_refused_and_one_of_a_mode_stays() -> None:
 def test_lines_are_asked_of_no_mode_that_is_well_known() -> None:
     sharp = replace(pole(0.7, std=0.002), damping_ratio_std=0.003)
     assert borne_out([sharp], [], lines([TRUE_F], [SHAPE], 1)).modes == (sharp,)
+
+
+def frame_with_dampers(seed: int) -> tuple[FloatArray, FloatArray]:
+    """Ten minutes of six storeys, two of them with a damper of their own, at 80 Hz; and damping.
+
+    Returns samples, (n, 6), and ζ of the modes, lowest frequency first.
+    """
+    generator, n, rate = np.random.default_rng(seed), 48000, 80.0
+    springs = 1500 * (2 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    springs[-1, -1] = 1500
+    square, shapes = np.linalg.eigh(springs)
+    omega = np.sqrt(square)
+    dampers = (shapes * 0.008 * omega) @ shapes.T + np.diag([6.0, 0, 0, 4.5, 0, 0])
+    system = np.block([[np.zeros((6, 6)), np.eye(6)], [-springs, -dampers]])
+    poles = np.linalg.eigvals(system)
+    poles = poles[poles.imag > 0]
+    poles = poles[np.argsort(np.abs(poles))]
+    w = 2 * np.pi * np.fft.rfftfreq(n, 1 / rate)[:, None, None]
+    force = generator.standard_normal((2, len(w), 6, 1))
+    moved = -(w**2) * np.linalg.solve(
+        springs + 1j * w * dampers - w**2 * np.eye(6), force[0] + 1j * force[1]
+    )
+    samples = np.fft.irfft(moved[..., 0], n, axis=0)
+    noise = 0.005 * samples.std(axis=0) * generator.standard_normal(samples.shape)
+    return samples + noise, -poles.real / np.abs(poles)
+
+
+def test_lines_do_not_widen_modes_whose_channels_have_phases_of_their_own() -> None:
+    errors = []
+    for seed in range(615370, 615373):
+        samples, damping = frame_with_dampers(seed)
+        modes = identify(samples, 80.0).modes
+        assert len(modes) == len(damping)
+        errors += [
+            (mode.damping_ratio - true) / mode.damping_ratio_std
+            for mode, true in zip(modes, damping, strict=True)
+        ]
+    assert max(errors) < 3.0
