@@ -42,12 +42,15 @@ class ProjectLayout:
 
     def require_places(self) -> None:
         """Raise InputError where a structural model could not be compared with a channel."""
-        unknown = [each.name for each in self.channels if not each.known]
+        unknown = [each for each in self.channels if not each.known]
         if unknown:
+            first = unknown[0]
+            stated = {"height": first.height_known, "axis": first.direction_known}
+            missing = " and no ".join(what for what, is_known in stated.items() if not is_known)
             raise InputError(
-                f"the structural model needs the height and axis of each channel; {unknown[0]!r} "
-                "has none in its name: give --layout FILE.toml (`pilewatch import FILE --template` "
-                "prints one to fill in)"
+                f"the structural model needs the height and axis of each channel; {first.name!r} "
+                f"has no {missing} in its name: give --layout FILE.toml (`pilewatch import FILE "
+                "--template` prints one to fill in)"
             )
 
 

@@ -50,6 +50,8 @@ def structure_text(
             "and NAME.bmi"
         )
     if is_deck:
+        if not Path(structure).exists():
+            raise InputError(f"{structure}: no such file")
         if springs is None:
             raise InputError(
                 f"{structure} has no springs of the mudline: give --springs k11,k22,k12 "

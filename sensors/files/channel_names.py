@@ -45,6 +45,7 @@ _M_FOR_POINT = re.compile(r"(?<![A-Za-z0-9.,])(\d+)[mM](\d)(?![\dA-Za-z])")  # 1
 _AFTER_LETTERS = re.compile(r"(?<![A-Za-z0-9])(?:[Ll]at|LAT|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)")
 _NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?!\d|\.\d)")
 _COMPASS = re.compile(r"(?<![A-Za-z])(?:N[-/ ]?S|S[-/ ]?N|[EO][-/ ]?W|W[-/ ]?[EO])(?![A-Za-z])")
+_IN_FULL = re.compile(r"(?P<fa>fore[ _/-]*aft)|(?P<ss>side[ _/-]*(?:to[ _/-]*)?side)", re.I)
 _SEED = re.compile(r"\.[A-Z]{2}([NEZ])$")  # last letter of a SEED channel code: its orientation
 _OPENFAST = re.compile(r"(?:TwHt\dAL|YawBrTA|NcIMUTA)([xyz])[tps]$")  # accelerations of the tower
 _LOAD = re.compile(r"[a-z0-9][FM]L?[xyz](?:[A-Za-z]\d?)?$")  # TwrBsMxt, RootFzb1: OpenFAST's loads
@@ -249,6 +250,9 @@ def _height(name: str, shared: frozenset[str]) -> tuple[float | None, str, bool]
 
 
 def _axis(name: str) -> tuple[str, str]:
+    in_full = _IN_FULL.search(name)
+    if in_full:
+        return (in_full.lastgroup or ""), in_full[0]
     pair = _COMPASS.search(name)
     if pair:
         return ("ns" if "N" in pair[0] else "ew"), pair[0]

@@ -210,9 +210,11 @@ class LayoutFile:
         if channel.unit is None:
             return stated, 1.0
         if stated in _CONVERTED:
+            if channel.sensitivity is None and in_standard_unit(channel.unit) == (stated, 1.0):
+                return stated, 1.0  # the layout repeats what the file states
             raise LayoutError(
-                f"{self.origin}: channel {channel.name!r} is in {stated} by the measurement's own "
-                f"words; leave unit = {channel.unit!r} out"
+                f"{self.origin}: channel {channel.name!r} is in {stated}, or what becomes it, by "
+                f"the measurement's own words; leave unit = {channel.unit!r} out"
             )
         from sensors.files.text.column_titles import is_unit  # pyarrow: not on a tower unit
 

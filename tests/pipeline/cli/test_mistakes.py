@@ -50,6 +50,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("new noise.csv -o made --structure iea15mw_monopile", "height and axis"),
     ("new text.mcap -o made", "text.mcap"),
     ("new noise.csv -o made --structure tower.dat", "give --springs k11,k22,k12"),
+    ("new noise.csv -o made --structure gone.dat", "gone.dat: no such file"),
     ("new noise.csv -o made --structure tower.dat --springs 1,2", "three numbers"),
     ("new noise.csv -o made --structure tower.dat --springs 1e9,1e11,0", "tower.dat"),
     ("new noise.csv -o made --structure gone.yaml --springs 1e9,1e11,0", "gone.yaml"),
@@ -350,6 +351,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
     (place / "cut.mcap").write_bytes(short_recording.read_bytes()[:2000])
     (place / "empty").mkdir()
     (place / "zero.csv").write_text("")
+    (place / "tower.dat").write_text("This is a text.")
     (place / "zero.mcap").write_bytes(b"")
     (place / "header.csv").write_text("time [s],low,high\n")
     (place / "one.csv").write_text("time [s],low,high\n0,1,2\n")

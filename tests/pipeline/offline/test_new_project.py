@@ -89,10 +89,18 @@ def test_nothing_is_overwritten(measurement: Path, tmp_path: Path) -> None:
         start_project([measurement], tmp_path / "mast")
 
 
-def test_a_structure_needs_places_that_are_known(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("names", "missing"),
+    [
+        ("ch1,ch2", "'ch1' has no height and no axis in its name"),
+        ("top FA,top SS", "'top FA' has no height in its name"),
+        ("acc 97m fore-aft,acc 50m", "'acc 50m' has no axis in its name"),
+    ],
+)
+def test_a_structure_needs_places_that_are_known(names: str, missing: str, tmp_path: Path) -> None:
     path = tmp_path / "plain.csv"
-    np.savetxt(path, np.zeros((100, 2)), delimiter=",", header="ch1,ch2", comments="")
-    with pytest.raises(InputError, match="height and axis"):
+    np.savetxt(path, np.zeros((100, 2)), delimiter=",", header=names, comments="")
+    with pytest.raises(InputError, match=f"height and axis of each channel; {missing}: give"):
         start_project([path], tmp_path / "out", structure="iea15mw_monopile", sampling_rate=RATE)
 
 

@@ -196,7 +196,8 @@ def test_a_layout_file_says_place_unit_and_sensitivity(tmp_path: Path) -> None:
         (("elevation = 80.0\n", ""), r"\[\[channels\]\] 1: the key 'elevation' is missing"),
         (("serial", "seriel"), r"unknown key 'seriel'; did you mean 'serial'\?"),
         (('"t07"', '"t 07"'), "a name without spaces"),
-        (('serial = "4711"', 'unit = "mg"'), "in m/s² by the measurement's own words"),
+        (('serial = "4711"', 'unit = "mg"'), "leave unit = 'mg' out"),
+        (('serial = "4711"', 'unit = "m/s²"\nsensitivity = 2.0'), "leave unit = 'm/s²' out"),
         (("[[channels]]", "[channels"), "not valid TOML"),
     ],
 )
@@ -209,6 +210,17 @@ def test_a_mistake_in_a_layout_file_is_one_line(
         open_measurement([path], layout=load_layout(layout))
     assert "\n" not in str(error.value)
     assert str(layout) in str(error.value)
+
+
+@pytest.mark.parametrize("unit", ["m/s2", "m/s²"])
+def test_a_layout_file_may_repeat_the_unit_that_the_file_states(unit: str, tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", "t,A [m/s2],B [V]\n0,1,2\n1,1,2\n2,1,3\n")
+    text = LAYOUT.replace('serial = "4711"', f'unit = "{unit}"')
+    layout = load_layout(written(tmp_path / "layout.toml", text))
+    record_measurement(open_measurement([path], layout=layout), tmp_path / "a.mcap")
+    messages = read_messages(tmp_path / "a.mcap")
+    first = next(each for each in messages if isinstance(each, AccelerationBlock))
+    np.testing.assert_allclose(first.samples[:, 1], 1.0)
 
 
 def test_what_cannot_be_joined_says_so_in_one_line(tmp_path: Path) -> None:

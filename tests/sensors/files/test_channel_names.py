@@ -19,6 +19,11 @@ X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
         ("acc 44.1m x", 44.1, X),
         ("H_12.5_Y", 12.5, Y),
         ("TOWER_80_SideSide", 80.0, Y),
+        ("acc 97m fore-aft", 97.0, X),
+        ("acc 97m side-side", 97.0, Y),
+        ("97m_fore_aft", 97.0, X),
+        ("Side-to-side 97 m", 97.0, Y),
+        ("TowerForeAft_97m", 97.0, X),
         ("ACC_T3_67,5m_X", 67.5, X),
         ("Acc_85000mm_SS", 85.0, Y),
         ("ACC 8500 cm Z", 85.0, Z),
@@ -71,6 +76,12 @@ def test_channels_that_differ_in_the_axis_alone_are_at_one_place() -> None:
     guessed = guess_channels(["top FA", "top SS", "mid FA", "mid SS", "mid V", "hub"])
     assert [each.elevation for each in guessed] == [1, 1, 2, 2, 2, 3]
     assert not any(each.height_known for each in guessed)
+
+
+def test_an_axis_in_full_is_no_part_of_the_place() -> None:
+    guessed = guess_channels(["top side-side", "top fore-aft", "mid side-side", "mid fore-aft"])
+    assert [each.elevation for each in guessed] == [1, 1, 2, 2]
+    assert [each.direction for each in guessed] == [Y, X, Y, X]
 
 
 def test_consecutive_numbers_are_sensors_and_no_heights() -> None:
