@@ -129,6 +129,7 @@ def test_the_layout_files_of_a_live_source_are_joined_by_turbine(tmp_path: Path)
 
     assert live.layout == live.layouts["t1"]
     assert live.layout.channel_names == ("low/x", "top/x")
+    assert live.layout.layout_id == "t1-low+t1-top"  # a recording keeps layouts by their names
     assert [each.direction for each in live.layout.channels] == [(-1.0, 0.0, 0.0)] * 2
     assert live.turbines == open_source("live", "parked").turbines  # shards deal alike
     command = node_command("updating", live, SessionOptions(), peer_of("tcp/127.0.0.1:1"), "own")
