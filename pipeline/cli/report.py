@@ -116,14 +116,15 @@ def audit(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check that every block, window and estimate of a folder's runs has one fate.
+    """Check that nothing of a folder's runs was lost without a report: the books balance.
 
-    Exit code 0: the books balance; 1: they do not, each place in a line.
+    Every block is recorded, reported missing or refused, every window identified or rejected, every
+    estimate in the posterior or refused. Exit code 0: so it is; 1: it is not, each place in a line.
     """
-    from pipeline.offline.audit import LATEST_NS, Period
+    from pipeline.offline.audit import NO_END_NS, AuditPeriod
     from pipeline.offline.audit import audit as audit_folder
 
-    period = Period(_moment("--since", since, 0), _moment("--until", until, LATEST_NS))
+    period = AuditPeriod(_moment("--since", since, 0), _moment("--until", until, NO_END_NS))
     with stderr.status(f"reading {folder}"):
         found = audit_folder(folder, period)
     if as_json:

@@ -27,17 +27,17 @@ from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.json_values import Json
 
-LATEST_NS = 2**63 - 1  # no end of a period [ns]
-Unit = tuple[str, str, str]  # turbine, unit, session
+NO_END_NS = 2**63 - 1  # no end of a period [ns]
+StreamOfUnit = tuple[str, str, str]  # turbine, unit, session
 
 
 @dataclass(frozen=True, slots=True)
-class Period:
+class AuditPeriod:
     """The part of a folder's time that is looked at, by the units' clocks."""
 
     since_ns: int = 0
     """Blocks and windows that end later are counted [ns since 1970-01-01 UTC]."""
-    until_ns: int = LATEST_NS
+    until_ns: int = NO_END_NS
     """Blocks and windows that end later are not [ns since 1970-01-01 UTC]."""
 
     def __post_init__(self) -> None:
@@ -47,7 +47,7 @@ class Period:
     @property
     def whole(self) -> bool:
         """Whether it leaves nothing out."""
-        return self == Period()
+        return self == AuditPeriod()
 
     def messages(self, messages: Iterable[Message]) -> Iterator[Message]:
         """Yield the messages of the period, and all statuses.
@@ -56,8 +56,8 @@ class Period:
         a gap over an edge counts whole. The end of a stream is left out: its count of blocks is of
         all of them.
         """
-        before: dict[Unit, AccelerationBlock] = {}
-        ended: set[Unit] = set()
+        before: dict[StreamOfUnit, AccelerationBlock] = {}
+        ended: set[StreamOfUnit] = set()
         for message in messages:
             match message:
                 case AccelerationBlock():
@@ -80,7 +80,10 @@ class Period:
         return self.since_ns < end_ns <= self.until_ns
 
     def _blocks(
-        self, block: AccelerationBlock, before: dict[Unit, AccelerationBlock], ended: set[Unit]
+        self,
+        block: AccelerationBlock,
+        before: dict[StreamOfUnit, AccelerationBlock],
+        ended: set[StreamOfUnit],
     ) -> Iterator[AccelerationBlock]:
         unit = (block.turbine, block.unit, block.session)
         if block.end_ns <= self.since_ns:
@@ -131,12 +134,12 @@ class Audit:
         }
 
 
-def audit(folder: Path, period: Period | None = None) -> Audit:
+def audit(folder: Path, period: AuditPeriod | None = None) -> Audit:
     """Read all recordings and snapshots of a folder and keep its books.
 
     Parameters
     ----------
-    period : Period, optional
+    period : AuditPeriod, optional
         Looks at this part alone; None: at all.
 
     Raises

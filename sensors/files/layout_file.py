@@ -120,8 +120,8 @@ class LayoutFile:
     """Name of the acquisition unit, part of a Zenoh key."""
 
     layout_id: str = "imported"
-    """Name of the layout, in every message, one of each unit; of a file that states none its turbine
-    and unit, joined by a hyphen."""
+    """Name of the layout, in every message, one of each unit; a file without it has turbine and
+    unit, joined by a hyphen."""
     origin: str = "layout"
     """The file's name, for errors."""
 
