@@ -14,7 +14,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.monitoring.alarms.settings import SPRINGS, AlarmLogSettings
+from pipeline.monitoring.alarms.settings import THRESHOLDS, AlarmLogSettings
 from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -160,8 +160,11 @@ class AlarmRules:
         """Springs below their thresholds; a posterior that is not trusted changes nothing."""
         if not posterior.trusted:
             return
-        for spring in SPRINGS:
-            least = getattr(self._settings, f"{spring}_below")
+        for key_of_least in THRESHOLDS:
+            spring, least = (
+                key_of_least.removesuffix("_below"),
+                getattr(self._settings, key_of_least),
+            )
             if least > 0:
                 found = posterior.parameter(spring)
                 low, ratio, high = sorted(  # of a negative k12 the quantiles change places

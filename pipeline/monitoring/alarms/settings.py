@@ -37,7 +37,7 @@ KINDS = (
     *("change", "gap", "silence", "sensor", "clock", "untrusted", "refused", "node"),
     *("recorder", "books", "no-posterior", "delivery", "threshold"),
 )
-SPRINGS = ("k11", "k22", "k12")
+THRESHOLDS = ("k11_below", "k22_below", "k12_below")  # keys
 TLS_PORT = 465  # SMTP with TLS from the first byte (RFC 8314)
 
 
@@ -73,8 +73,7 @@ class AlarmLogSettings:
         for kind in self.kinds:
             if kind not in KINDS:
                 raise AlarmError(f"kinds has {kind!r}; there are {', '.join(KINDS)}")
-        below = tuple(f"{spring}_below" for spring in SPRINGS)
-        for name in ("reminder", "settle", "shortest_gap", "undelivered", *below):
+        for name in ("reminder", "settle", "shortest_gap", "undelivered", *THRESHOLDS):
             if not getattr(self, name) >= 0:
                 raise AlarmError(f"{name} is {getattr(self, name)}; it must not be negative")
         if self.windows_without_posterior < 1:
