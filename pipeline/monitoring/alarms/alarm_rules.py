@@ -160,11 +160,8 @@ class AlarmRules:
         """Springs below their thresholds; a posterior that is not trusted changes nothing."""
         if not posterior.trusted:
             return
-        for key_of_least in THRESHOLDS:
-            spring, least = (
-                key_of_least.removesuffix("_below"),
-                getattr(self._settings, key_of_least),
-            )
+        for name in THRESHOLDS:
+            spring, least = name.removesuffix("_below"), getattr(self._settings, name)
             if least > 0:
                 found = posterior.parameter(spring)
                 low, ratio, high = sorted(  # of a negative k12 the quantiles change places
