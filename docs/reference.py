@@ -126,6 +126,10 @@ WORDING = {
     ),
     ("LimitSettings", "units"): "Largest number of units of a turbine.",
     ("LimitSettings", "turbines"): "Largest number of turbines; each takes 3 MB of the updating.",
+    ("PayloadMapping", "values"): 'Paths of the values in a row; `""` is the row itself.',
+    ("PayloadMapping", "rows"): (
+        'Paths of the rows in a message; `""`, or none of them there: the message is one row.'
+    ),
     ("PayloadMapping", "names"): (
         "Channels of an array: their names in its order, or the path of them in the message."
     ),
@@ -187,23 +191,24 @@ def _parameter_row(parameter: Any) -> str:
     text = " ".join((getattr(parameter, "help", None) or "").split())
     annotation = getattr(getattr(parameter, "type_descriptor", None), "annotation", None)
     choices = get_args(annotation) if get_origin(annotation) is Literal else ()
-    if choices:
+    if not all(f"{choice}:" in text for choice in choices):
         text += f" One of {', '.join(f'`{choice}`' for choice in choices)}."
     return f"| {names} | {shown} | {text} |".replace("||", "| |")
 
 
-def keys_of(settings: Any, title: str, introduction: str) -> str:
+def keys_of(settings: Any, title: str, introduction: str, top: str = "Top of the file") -> str:
     """Every key of a settings type, section by section: type, default, meaning."""
     lines = [f"# {title}", "", introduction, ""]
     for section, kind in sections(settings, ""):
         if not keys(kind):
             continue  # holds sections alone
-        lines += [f"## {section or 'Top of the file'}", ""]
+        lines += [f"## {section or top}", ""]
         lines += [_first_line(kind), "", "| key | value | default | meaning |", "|---|---|---|---|"]
         meanings, hints = field_meanings(kind), get_type_hints(kind)
         for each in keys(kind):
             meaning = sentence(WORDING.get((kind.__name__, each.name), meanings.get(each.name, "")))
             shown = PATHS if each.type is Paths else value_name(hints[each.name])
+            shown = TABLES.get((kind.__name__, each.name), shown)
             lines.append(f"| `{each.name}` | {shown} | {_default(each)} | {meaning} |")
         lines.append("")
     return "\n".join(lines)
@@ -309,6 +314,7 @@ def toml_value(value: object) -> str:
 WORDS = {str: "text", float: "number", int: "whole number", bool: "`true` or `false`"}
 PLURALS = {str: "texts", float: "numbers", int: "whole numbers"}
 PATHS = "path, or list of paths"  # of a mapping
+TABLES = {("PayloadMapping", "rename"): "table of texts"}  # what else its reader takes
 
 
 def value_name(hint: Any) -> str:
@@ -437,7 +443,9 @@ def pages() -> dict[str, str]:
         "reference/layout.md": keys_of(LayoutFile, "Layout file", LAYOUT),
         "reference/notices.md": keys_of(AlarmSettings, "Notices file", NOTICES),
         "reference/messages.md": f"{introduction}\n{message_tables()}",
-        "reference/mapping.md": keys_of(PayloadMapping, "Mapping of messages", MAPPING),
+        "reference/mapping.md": keys_of(
+            PayloadMapping, "Mapping of messages", MAPPING, top="[mapping]"
+        ),
     }
 
 
