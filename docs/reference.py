@@ -5,24 +5,149 @@ Run by mkdocs (plugin gen-files) at every build, so that no page can fall behind
 
 import ast
 import inspect
+import json
+import math
+import re
 from collections.abc import Iterator
-from dataclasses import MISSING, Field, is_dataclass
-from typing import Any, get_args, get_type_hints
+from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import typer
 from typer.main import get_command
 
+from pipeline import messages
 from pipeline.cli import app
 from pipeline.monitoring.alarms.settings import AlarmSettings
 from pipeline.scenario import Scenario
 from pipeline.updating.structural.settings import OTHERS, StructureSettings
-from sensors.feeds.payloads.mapping import PayloadMapping
+from sensors.feeds.payloads.mapping import Paths, PayloadMapping
 from sensors.files.layout_file import LayoutFile
 from sensors.settings import key_fields
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import FIGURES
 
 HIDDEN = {"origin"}  # of a layout: set by the reader of the file
+
+
+# In place of what the code says beside the field, for readers of the site: type, key → meaning.
+WORDING = {
+    ("Scenario", "seed"): "Seed of every random choice: loads, noise, sampler.",
+    ("OmaSettings", "window_duration"): "Length of a window [s].",
+    ("OmaSettings", "hop"): "Time from one window's start to the next one's [s].",
+    ("OmaSettings", "lateness"): "Time for which a late block is waited for [s].",
+    ("OmaSettings", "lowest_frequency"): (
+        "Lowest frequency of a mode [Hz]; absent: as low as the window's length resolves."
+    ),
+    ("OmaSettings", "highest_frequency"): (
+        "Highest frequency of a mode [Hz]; absent: 0.45 × the sampling rate."
+    ),
+    ("OmaSettings", "reference_channels"): (
+        "Names of the channels that all are correlated with; absent: all channels."
+    ),
+    ("UpdatingSettings", "population"): (
+        "File of a farm's prior, written by `pilewatch farm --prior`; empty: none."
+    ),
+    ("PriorSettings", "lowest_ratio"): "Lower bound of each spring over nominal [-].",
+    ("PriorSettings", "highest_ratio"): "Upper bound of each spring over nominal [-].",
+    ("PriorSettings", "highest_sigma"): "Upper bound of σ, the relative model discrepancy [-].",
+    ("PairingSettings", "search_draws"): (
+        "Number of points of the prior that are tried when modes are paired."
+    ),
+    ("PairingSettings", "refined"): "Number of the best of these from which the fit is refined.",
+    ("LikelihoodSettings", "frequency_floor"): (
+        "Systematic error of a frequency, as a share of it [-]."
+    ),
+    ("LikelihoodSettings", "shape_floor"): (
+        "Systematic error of a shape's component, as a share of the largest [-]."
+    ),
+    ("LikelihoodSettings", "joint_covariance"): (
+        "Whether the correlations between the components of one mode are kept."
+    ),
+    ("LikelihoodSettings", "tails"): "Distribution of each mode's discrepancy.",
+    ("LikelihoodSettings", "modes"): (
+        "Labels of the model's modes that are compared; empty: all of them."
+    ),
+    ("SamplingSettings", "method"): (
+        "Sampler of an exact structure ([which one](../theory.md#samplers)); an uncertain one "
+        "takes none of them."
+    ),
+    ("ImportanceSettings", "effective_draws"): (
+        "Effective number of draws (Kish) at which sampling stops."
+    ),
+    ("ImportanceSettings", "draws"): "Number of draws of equal weight at the end.",
+    ("TemperingSettings", "samples"): "Number of samples of the last stage, and of draws.",
+    ("AcceptanceSettings", "reduced_chi_square"): (
+        "Largest reduced χ² of the frequencies that is trusted [-]."
+    ),
+    ("AcceptanceSettings", "paired_share"): (
+        "Least share of the identified modes that have a model mode [-]."
+    ),
+    ("AcceptanceSettings", "pairing_cost"): (
+        "Largest mean pairing cost of a mode that is trusted [-]."
+    ),
+    ("AcceptanceSettings", "rhat"): "R-hat above which chains have not converged [-].",
+    ("ChangeSettings", "years_between_false_alarms"): (
+        "Mean time between two false alarms of any kind [years]."
+    ),
+    ("ChangeSettings", "changes_per_year"): (
+        "Number of changes that is expected; it enters the reported probability of a change, "
+        "not the alarm."
+    ),
+    ("ChangeSettings", "certainty"): (
+        "Probability from which a change is called `foundation` or `modal-drift` [-]."
+    ),
+    ("OperationSettings", "allowed_states"): (
+        "States whose windows update the foundation. A window of an unknown state is used unless "
+        "it shows a state that is not in the list."
+    ),
+    ("RecordingSettings", "rotate_after"): (
+        "Age at which a file is closed and the next one begins [s]."
+    ),
+    ("RecordingSettings", "rotate_megabytes"): (
+        "Size at which a file is closed and the next one begins [10⁶ bytes]."
+    ),
+    ("RecordingSettings", "keep_days"): "Age from which samples are deleted; results stay [days].",
+    ("RecordingSettings", "keep_gigabytes"): (
+        "Size of all files above which the oldest samples are deleted [10⁹ bytes]."
+    ),
+    ("RecordingSettings", "free_megabytes"): "Space that stays free on the disk [10⁶ bytes].",
+    ("LimitSettings", "channels"): (
+        "Largest number of channels of a unit; the time for a window grows with its square."
+    ),
+    ("LimitSettings", "block_megabytes"): "Largest size of a block's samples [10⁶ bytes].",
+    ("LimitSettings", "cpu_seconds"): (
+        "CPU time of a run for one window [s]; a window that needs more is rejected."
+    ),
+    ("LimitSettings", "window_values"): (
+        "Largest number of values of a window, samples × channels; each takes some 40 bytes while "
+        "it is identified. The default is sixteen channels at 1 kHz for ten minutes."
+    ),
+    ("LimitSettings", "units"): "Largest number of units of a turbine.",
+    ("LimitSettings", "turbines"): "Largest number of turbines; each takes 3 MB of the updating.",
+    ("PayloadMapping", "values"): 'Paths of the values in a row; `""` is the row itself.',
+    ("PayloadMapping", "rows"): (
+        'Paths of the rows in a message; `""`, or none of them there: the message is one row.'
+    ),
+    ("PayloadMapping", "names"): (
+        "Channels of an array: their names in its order, or the path of them in the message."
+    ),
+    ("PayloadMapping", "rename"): (
+        'Names of the message and of the layout, where they differ: `{beschl_x = "ax"}`.'
+    ),
+    ("MqttSettings", "host"): "Name or address of the broker.",
+    ("MqttSettings", "port"): "Port of the broker; with TLS mostly 8883.",
+    ("MqttSettings", "user"): "User at the broker; empty: none.",
+    ("MailSettings", "host"): "Name or address of the mail server.",
+    ("MailSettings", "port"): "Port of the mail server: 587 with STARTTLS, 465 with `tls`.",
+    ("MailSettings", "user"): "User at the mail server; empty: none.",
+    ("TurbineDescription", "source"): "Where the values come from.",
+    ("TurbineDescription", "transition"): (
+        "Elevation of the monopile's top, where a transition piece sits [m]; absent: not known."
+    ),
+    ("Calibration", "springs_sign"): "Sign of k12 in the model of the calibration.",
+}
 
 
 def commands() -> str:
@@ -32,14 +157,20 @@ def commands() -> str:
     lines = [
         "# Commands",
         "",
-        "Exit codes: 0 done; 1 a node failed; 2 the input is wrong or nothing could be done, with",
-        "the reason in one line.",
+        "Exit codes:",
         "",
-        "One word is one thing in every command: `--out` is where results are written,",
-        "`--scenario` a shipped scenario or a file, `--structure` a description,",
-        "`--layout` a file of channels, `--turbine` an id. Every command that ends takes `--json`;",
-        "choices are listed in the help and completed by the shell",
-        "(`pilewatch --install-completion`).",
+        "- 0: done;",
+        "- 1: a node failed; of `audit`: the books do not balance;",
+        "- 2: the input is wrong, or something could not be done, with the reason in one line.",
+        "  `reprocess` and `notices --test` take files and receivers one by one: they do the rest",
+        "  and end with 2 as well.",
+        "",
+        "The same option means the same in every command: `--scenario` is a shipped scenario or",
+        "a file, `--structure` a description, `--layout` a file of channels, `--turbine` an id.",
+        "`--out` is the folder or file that a command writes. `status`, `control`, `ack`,",
+        "`metrics`, `farm` and `notices` write none: there it is the folder of the session that",
+        "runs. Every command that ends by itself takes `--json`, except `show`, which draws. The",
+        "shell completes options and choices (`pilewatch --install-completion`).",
         "",
     ]
     for name in group.list_commands(context):
@@ -55,23 +186,29 @@ def commands() -> str:
 def _parameter_row(parameter: Any) -> str:
     names = ", ".join(f"`{name}`" for name in (*parameter.opts, *parameter.secondary_opts))
     default = parameter.default
-    shown = "" if default in (None, False, (), []) or callable(default) else f"`{default}`"
+    empty = default in (None, False, (), [], "") or callable(default)
+    shown = "" if empty else "yes" if default is True else f"`{default}`"
     text = " ".join((getattr(parameter, "help", None) or "").split())
+    annotation = getattr(getattr(parameter, "type_descriptor", None), "annotation", None)
+    choices = get_args(annotation) if get_origin(annotation) is Literal else ()
+    if not all(f"{choice}:" in text for choice in choices):
+        text += f" One of {', '.join(f'`{choice}`' for choice in choices)}."
     return f"| {names} | {shown} | {text} |".replace("||", "| |")
 
 
-def keys_of(settings: Any, title: str, introduction: str) -> str:
+def keys_of(settings: Any, title: str, introduction: str, top: str = "Top of the file") -> str:
     """Every key of a settings type, section by section: type, default, meaning."""
     lines = [f"# {title}", "", introduction, ""]
     for section, kind in sections(settings, ""):
         if not keys(kind):
             continue  # holds sections alone
-        lines += [f"## {section or 'Top of the file'}", ""]
-        lines += [_first_line(kind), "", "| key | type | default | meaning |", "|---|---|---|---|"]
+        lines += [f"## {section or top}", ""]
+        lines += [_first_line(kind), "", "| key | value | default | meaning |", "|---|---|---|---|"]
         meanings, hints = field_meanings(kind), get_type_hints(kind)
         for each in keys(kind):
-            meaning = meanings.get(each.name, "").replace("|", "\\|")
-            shown = _type_name(hints[each.name]).replace("|", "or")
+            meaning = sentence(WORDING.get((kind.__name__, each.name), meanings.get(each.name, "")))
+            shown = PATHS if each.type is Paths else value_name(hints[each.name])
+            shown = TABLES.get((kind.__name__, each.name), shown)
             lines.append(f"| `{each.name}` | {shown} | {_default(each)} | {meaning} |")
         lines.append("")
     return "\n".join(lines)
@@ -125,8 +262,30 @@ def field_meanings(kind: Any) -> dict[str, str]:
             and isinstance(following.value.value, str)
         ):
             text = " ".join(following.value.value.split())
+        else:
+            text = _continued(text, lines[node.end_lineno :])
         meanings[node.target.id] = text
     return meanings
+
+
+def _continued(comment: str, below: list[str]) -> str:
+    """The comment beside a field with the lines of comments alone that continue it."""
+    for line in below if comment else ():
+        if not line.strip().startswith("#"):
+            break
+        comment += " " + line.strip().strip("# ")
+    return comment
+
+
+def sentence(meaning: str) -> str:
+    """A meaning as a sentence of a table's cell, in the words of a TOML file."""
+    text = meaning.replace("|", "\\|").replace("None:", "absent:").replace("():", "empty:")
+    text = text.replace('"":', "empty:")
+    if not text or text.startswith(("`", "[")):
+        return text
+    is_word = text[0].islower() and text[1:2].islower()  # no symbol, such as f or ζ
+    first = text[0].upper() + text[1:] if is_word else text
+    return first if first[-1] in ".…" else f"{first}."
 
 
 def _first_line(kind: Any) -> str:
@@ -135,20 +294,49 @@ def _first_line(kind: Any) -> str:
 
 def _default(each: Field[Any]) -> str:
     if each.default is not MISSING:
-        return f"`{each.default!r}`"
-    return "" if each.default_factory is MISSING else "`()`"
+        return toml_value(each.default)
+    return "required" if each.default_factory is MISSING else "empty"
 
 
-def _type_name(hint: Any) -> str:
-    text = hint.__name__ if isinstance(hint, type) else str(hint)
-    return text.replace("typing.", "")
+def toml_value(value: object) -> str:
+    """A default as a TOML file would state it; "absent" where there is none."""
+    if value is None:
+        return "absent"
+    if value == math.inf:
+        return "no limit"
+    if value in ("", ()):
+        return "empty"
+    if isinstance(value, tuple):
+        return f"`{json.dumps(list(value), ensure_ascii=False)}`"
+    return f"`{json.dumps(value, ensure_ascii=False)}`"
+
+
+WORDS = {str: "text", float: "number", int: "whole number", bool: "`true` or `false`"}
+PLURALS = {str: "texts", float: "numbers", int: "whole numbers"}
+PATHS = "path, or list of paths"  # of a mapping
+TABLES = {("PayloadMapping", "rename"): "table of texts"}  # what else its reader takes
+
+
+def value_name(hint: Any) -> str:
+    """What a key takes, in words: "number", "list of numbers", "one of …"."""
+    arguments = [each for each in get_args(hint) if each is not type(None)]
+    origin = get_origin(hint)
+    if origin in (Union, UnionType):
+        return " or ".join(value_name(each) for each in arguments)
+    if origin is Literal:
+        return " or ".join(f'`"{each}"`' for each in arguments)
+    if origin is tuple:
+        items = PLURALS[arguments[0]]
+        count = "" if Ellipsis in arguments else f"{len(arguments)} "
+        return f"list of {count}{items}"
+    return WORDS[hint]
 
 
 STRUCTURE = """## [structure.uncertain]
 
-Standard deviation of the prior of each figure of the structure that is inferred with the springs;
-`"exact"` takes a figure as described. `[structure] uncertain = "exact"` takes all so. "-" is a
-share of the described value.
+Standard deviation of the prior of each parameter of the structure that is inferred with the
+springs; `"exact"` takes a parameter as described. `[structure] uncertain = "exact"` takes all of
+them as described. The unit "-" is a share of the described value.
 
 | key | default | unit | meaning | where the default comes from |
 |---|---|---|---|---|
@@ -192,8 +380,61 @@ MAPPING = """Where an instrument's messages have time, values and names: `?mappi
 address. `pilewatch feed ADDRESS --sniff` writes one from what comes."""
 
 
+# Fields of messages that have the same meaning in all of them.
+FIELDS = {
+    "turbine": "Turbine id.",
+    "unit": "Acquisition unit id; of a parameter its unit.",
+    "session": "Session id: one per start of the unit.",
+    "window": "Windows since the session's start, rejected ones counted, from 0.",
+    "start_ns": "Begin, by the sensors' clock [ns since 1970-01-01 UTC].",
+    "end_ns": "End, by the sensors' clock [ns since 1970-01-01 UTC].",
+    "time_ns": "Time, by the sensors' clock [ns since 1970-01-01 UTC].",
+    "layout_id": "Name of the SensorLayout.",
+    "channels": "The channels, in the order of columns and shapes.",
+    "modes": "Identified modes, lowest frequency first.",
+    "warnings": "Reservations about the result.",
+    "status": "What the unit reports of itself.",
+    "windows_before": "Windows before it that have the same answer.",
+    "k12": "Share of the variance of ln k12 [-].",
+    "name": "Name of the alternative.",
+    "pairs": "Identified modes with their model modes.",
+    "n_blocks": "Number of blocks.",
+    "count": "Number of messages.",
+    "node": "Name of the node.",
+    "received": "Messages that it received, by type.",
+    "published": "Messages that it published, by type.",
+}
+
+
+def message_tables() -> str:
+    """Every message with its fields: type and meaning."""
+    lines = []
+    for name, kind in vars(messages).items():
+        if not (isinstance(kind, type) and is_dataclass(kind)) or name.startswith("_"):
+            continue
+        lines += [f"## {name}", "", inspect.cleandoc(kind.__doc__ or ""), ""]
+        lines += ["| field | type | meaning |", "|---|---|---|"]
+        meanings = field_meanings(kind)
+        for each in fields(kind):
+            shown = field_type(each.type)
+            meaning = meanings.get(each.name) or FIELDS.get(each.name, "")
+            lines.append(f"| `{each.name}` | {shown} | {sentence(meaning)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def field_type(hint: Any) -> str:
+    """A type as a reader of the page knows it; of an array what it holds is in the meaning."""
+    text = hint.__name__ if isinstance(hint, type) else str(hint)
+    for module in ("typing.", "numpy.", "collections.abc."):
+        text = text.replace(module, "")
+    text = re.sub(r"\b[a-z_]+(?:\.[a-z_]+)+\.(?=[A-Z])", "", text)
+    return "array" if "ndarray" in text else text.replace("|", "or")
+
+
 def pages() -> dict[str, str]:
     """Text of every page by its path in the site."""
+    introduction = (Path(__file__).parent / "pages/reference/messages.md").read_text("utf-8")
     scenario = keys_of(Scenario, "Scenario keys", SCENARIO)
     return {
         "reference/commands.md": commands(),
@@ -201,7 +442,10 @@ def pages() -> dict[str, str]:
         "reference/description.md": keys_of(TurbineDescription, "Turbine description", DESCRIPTION),
         "reference/layout.md": keys_of(LayoutFile, "Layout file", LAYOUT),
         "reference/notices.md": keys_of(AlarmSettings, "Notices file", NOTICES),
-        "reference/mapping.md": keys_of(PayloadMapping, "Mapping of messages", MAPPING),
+        "reference/messages.md": f"{introduction}\n{message_tables()}",
+        "reference/mapping.md": keys_of(
+            PayloadMapping, "Mapping of messages", MAPPING, top="[mapping]"
+        ),
     }
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from pipeline.monitoring.alarms.settings import load_notices
 from pipeline.monitoring.status import ENDPOINT_FILE, STATUS_KEY, StatusNode
+from pipeline.sources.sources import open_source
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from tests.pipeline.report.example_session import recorded, session
 
@@ -90,6 +91,17 @@ def test_the_notices_example_is_a_file_that_is_understood(
     assert (len(settings.webhook), len(settings.mqtt), len(settings.mail)) == (1, 1, 1)
 
 
+def test_the_files_of_the_tower_page_are_understood(tmp_path: Path) -> None:
+    blocks = code_blocks("toml", PAGES / "tower.md")
+    layout, scenario, notices = (tmp_path / name for name in ("low.toml", "my.toml", "n.toml"))
+    for path, text in zip((layout, scenario, notices), blocks, strict=True):
+        path.write_text(text)
+
+    live = open_source("live", str(scenario), (layout,))
+    assert live.layout.turbine == live.scenario.turbine.id == "t1"
+    assert load_notices(notices).notices.k22_below == 0.95
+
+
 def test_two_commands_do_all_the_setting_up() -> None:
     run, test = (block.strip() for block in code_blocks("sh"))
     assert run.endswith("pilewatch run")
@@ -102,7 +114,8 @@ def test_every_picture_and_page_that_is_named_exists(page: Path) -> None:
     links = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))
     local = [link for link in links if "://" not in link]
     notebooks = (ROOT / "docs" / "notebooks").glob("*.ipynb")
-    generated = {f"reference/{name}.md" for name in ("commands", "scenario", "description")}
+    names = ("commands", "scenario", "description", "layout", "notices", "mapping")
+    generated = {f"reference/{name}.md" for name in names}
     generated |= {f"notebooks/{path.stem}.md" for path in notebooks}
     assert [x for x in local if not (page.parent / x).is_file() and x not in generated] == []
 

@@ -100,7 +100,9 @@ ScenarioOption = Annotated[
 SamplerChoice = Literal["importance", "emcee", "tmcmc", "tmcmc-published"]  # of the updating
 SamplerOption = Annotated[
     SamplerChoice | None,
-    typer.Option("--sampler", help="Default: the scenario's, else importance."),
+    typer.Option(
+        "--sampler", help="Sampler of an exact structure; default: the scenario's, else importance."
+    ),
 ]
 DatesOption = Annotated[
     Literal["day-first", "month-first"] | None,

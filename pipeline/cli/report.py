@@ -107,16 +107,26 @@ def _serve(pictures: Path) -> None:
 
 def audit(
     folder: Annotated[Path, typer.Argument(help="Folder of one or several runs: their --out.")],
+    since: Annotated[
+        str | None,
+        typer.Option(help="Look at what ends after this time alone: ISO 8601, UTC without a zone."),
+    ] = None,
+    until: Annotated[
+        str | None, typer.Option(help="Look at what ends up to this time alone.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check that every block, window and estimate of a folder's runs has one fate.
+    """Check that nothing of a folder's runs was lost without a report: the books balance.
 
-    Exit code 0: the books balance; 1: they do not, each place in a line.
+    Every block is recorded, reported missing or refused, every window identified or rejected, every
+    estimate in the posterior or refused. Exit code 0: so it is; 1: it is not, each place in a line.
     """
+    from pipeline.offline.audit import NO_END_NS, AuditPeriod
     from pipeline.offline.audit import audit as audit_folder
 
+    period = AuditPeriod(_moment("--since", since, 0), _moment("--until", until, NO_END_NS))
     with stderr.status(f"reading {folder}"):
-        found = audit_folder(folder)
+        found = audit_folder(folder, period)
     if as_json:
         output.print_json(json.dumps(found.as_json()))
     else:
@@ -125,3 +135,15 @@ def audit(
             output.print(escape_markup(f"  {text}"), soft_wrap=True)
     if found.violations:
         raise typer.Exit(1)
+
+
+def _moment(option: str, written: str | None, absent: int) -> int:
+    """Return the time of an option [ns since 1970-01-01 UTC]."""
+    from sensors.feeds.payloads.timestamps import moment_ns
+
+    if written is None:
+        return absent
+    try:
+        return moment_ns(written)
+    except ValueError as error:
+        raise InputError(f"{option}: {error}") from error

@@ -43,8 +43,11 @@ def run(
     ] = None,
     scenario: ScenarioOption = None,
     layout: Annotated[
-        Path | None,
-        typer.Option(help="TOML file of the channels of a file or an instrument."),
+        list[Path] | None,
+        typer.Option(
+            help="TOML file of the channels of a file or an instrument; with --source live one of "
+            "each acquisition unit, repeatable."
+        ),
     ] = None,
     speed: Annotated[
         str,
@@ -138,9 +141,13 @@ def run(
                 f"--processes and --source {source}: run `pilewatch feed {source}` beside "
                 "`pilewatch run --source live --processes`"
             )
-        opened = feed_source(source, layout, scenario, state=None if fresh else out)
+        one = _one_layout(layout, source)
+        opened = feed_source(source, one, scenario, state=None if fresh else out)
+    elif source is not None and Path(source).is_file():
+        imported = _imported(source, out, _one_layout(layout, source), scenario)
+        opened = open_source(imported, scenario)
     else:
-        opened = open_source(_imported(source, out, layout, scenario), scenario)
+        opened = open_source(source, scenario, layout or ())
     opened = opened.with_sampler(sampler).with_playback(playback)
     with stop_on_signals() as stopping, open_view(view) as shown:
         with progress(opened.text, opened.duration) as report:
@@ -170,16 +177,20 @@ def run(
         os._exit(0)
 
 
-def _imported(
-    source: str | None, out: Path, layout: Path | None, scenario: str | None
-) -> str | None:
-    """Return the source; a file of measurements is imported into `out` and replayed."""
+def _one_layout(layouts: Sequence[Path] | None, source: str) -> Path | None:
+    """Return the layout of the only unit of a source."""
+    if layouts is not None and len(layouts) > 1:
+        raise InputError(
+            f"--layout is given {len(layouts)} times; {source} is one unit: several units publish "
+            "by `pilewatch feed` to `pilewatch run --source live`"
+        )
+    return layouts[0] if layouts else None
+
+
+def _imported(source: str, out: Path, layout: Path | None, scenario: str | None) -> str | None:
+    """Import a file of measurements into `out`; return the recording as a source."""
     from pipeline.sources.import_files import imported_source
 
-    if source is None or not Path(source).is_file():
-        if layout is not None:
-            raise InputError(f"--layout {layout} is for a file of measurements, not for {source}")
-        return source
     with progress(f"importing {source}", None) as report:
         return imported_source(Path(source), out, layout=layout, scenario=scenario, report=report)
 
@@ -255,6 +266,10 @@ def node(
         Path | None,
         typer.Option(help="Recording with the sensor layout, and the scenario unless given."),
     ] = None,
+    layout: Annotated[
+        list[Path] | None,
+        typer.Option(help="Without --recording: as in `run --source live`, the same files."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for what the node writes.")] = Path("out"),
     view: Annotated[str | None, typer.Option(help="For the viewer: as in `run`.")] = None,
     rrd: Annotated[bool, typer.Option(help="For the viewer: write session.rrd.")] = True,
@@ -287,7 +302,8 @@ def node(
     )
     if shard is not None:
         parsed_shard(shard)  # a mistake in it is one line, before what is noted of the source
-    opened = open_source("live" if recording is None else f"replay:{recording}", scenario)
+    name_of_source = "live" if recording is None else f"replay:{recording}"
+    opened = open_source(name_of_source, scenario, layout or ())
     source = opened.with_sampler(sampler)
     with stop_on_signals() as stopping, open_view(view) as shown:
         if tied:

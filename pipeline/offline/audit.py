@@ -1,10 +1,17 @@
 """`pilewatch audit`: the books of a folder, from its files alone."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.messages import Message
+from pipeline.messages import (
+    FoundationPosterior,
+    Message,
+    ModalEstimate,
+    StreamEnd,
+    StreamGap,
+    WindowRejected,
+)
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.latest_messages import files_of, readable_messages
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
@@ -16,8 +23,77 @@ from pipeline.sources.session_files import SESSION_FILE
 from pipeline.state.books import Books
 from pipeline.state.phrases import count_noun
 from pipeline.updating.checkpoint import CheckpointError
+from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from sensors.json_values import Json
+
+NO_END_NS = 2**63 - 1  # no end of a period [ns]
+StreamOfUnit = tuple[str, str, str]  # turbine, unit, session
+
+
+@dataclass(frozen=True, slots=True)
+class AuditPeriod:
+    """The part of a folder's time that is looked at, by the units' clocks."""
+
+    since_ns: int = 0
+    """Blocks and windows that end later are counted [ns since 1970-01-01 UTC]."""
+    until_ns: int = NO_END_NS
+    """Blocks and windows that end later are not [ns since 1970-01-01 UTC]."""
+
+    def __post_init__(self) -> None:
+        if not self.since_ns < self.until_ns:
+            raise InputError("--since is not before --until; the period between them is empty")
+
+    @property
+    def whole(self) -> bool:
+        """Whether it leaves nothing out."""
+        return self == AuditPeriod()
+
+    def messages(self, messages: Iterable[Message]) -> Iterator[Message]:
+        """Yield the messages of the period, and all statuses.
+
+        Of each unit the block before the first and the one after the last are among them, so that
+        a gap over an edge counts whole. The end of a stream is left out: its count of blocks is of
+        all of them.
+        """
+        before: dict[StreamOfUnit, AccelerationBlock] = {}
+        ended: set[StreamOfUnit] = set()
+        for message in messages:
+            match message:
+                case AccelerationBlock():
+                    yield from self._blocks(message, before, ended)
+                case StreamGap():
+                    if message.end_ns > self.since_ns and message.start_ns < self.until_ns:
+                        yield message
+                case StreamEnd():
+                    continue
+                case ModalEstimate() | WindowRejected():
+                    if self._has(message.end_ns):
+                        yield message
+                case FoundationPosterior():
+                    if self._has(message.time_ns):
+                        yield message
+                case _:
+                    yield message
+
+    def _has(self, end_ns: int) -> bool:
+        return self.since_ns < end_ns <= self.until_ns
+
+    def _blocks(
+        self,
+        block: AccelerationBlock,
+        before: dict[StreamOfUnit, AccelerationBlock],
+        ended: set[StreamOfUnit],
+    ) -> Iterator[AccelerationBlock]:
+        unit = (block.turbine, block.unit, block.session)
+        if block.end_ns <= self.since_ns:
+            before[unit] = block
+        elif self._has(block.end_ns) or unit not in ended:
+            if unit in before:
+                yield before.pop(unit)
+            yield block
+            if not self._has(block.end_ns):
+                ended.add(unit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +134,13 @@ class Audit:
         }
 
 
-def audit(folder: Path) -> Audit:
+def audit(folder: Path, period: AuditPeriod | None = None) -> Audit:
     """Read all recordings and snapshots of a folder and keep its books.
+
+    Parameters
+    ----------
+    period : AuditPeriod, optional
+        Looks at this part alone; None: at all.
 
     Raises
     ------
@@ -71,14 +152,21 @@ def audit(folder: Path) -> Audit:
         raise InputError(f"{folder} holds no recording; give the folder of a run (its --out)")
     books = Books(updates=_has_structure(files))
     damaged = list(_damaged_snapshots(folder))
-    for file in files:
-        try:
-            for message in _messages(file):
-                books.handle(message)
-        except RecordingError as error:
-            damaged.append(str(error))
+    messages = _all_messages(files, damaged)
+    chosen = messages if period is None or period.whole else period.messages(messages)
+    for message in chosen:
+        books.handle(message)
     n_open = sum(file.name.endswith(ACTIVE_SUFFIX) for file in files)
     return Audit(folder, books, tuple(damaged), len(files), n_open)
+
+
+def _all_messages(files: list[Path], damaged: list[str]) -> Iterator[Message]:
+    """Yield the messages of all files; one that cannot be read to its end is noted."""
+    for file in files:
+        try:
+            yield from _messages(file)
+        except RecordingError as error:
+            damaged.append(str(error))
 
 
 def _messages(file: Path) -> Iterator[Message]:

@@ -56,6 +56,8 @@ def node_command(
         command += ["--scenario", scenario]
     elif source.recording is None:
         command += ["--scenario", source.scenario.origin]
+    for path in source.layout_files:
+        command += ["--layout", str(path)]
     command += ["--sampler", source.scenario.updating.sampling.method]
     if isinstance(options.view, ConnectedViewer):
         command += ["--view", options.view.word]

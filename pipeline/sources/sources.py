@@ -3,7 +3,7 @@
 import heapq
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -37,7 +37,7 @@ from pipeline.sources.recorded_source import (
 )
 from pipeline.sources.recorded_stream import Playback, SourceError, recordings_in
 from sensors.acquisition.blocks import AccelerationBlock
-from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.acquisition.pacing import Pace, paced
 from sensors.acquisition.scada import ScadaSample
 from sensors.simulation.tower import CHUNKS_AHEAD, SimulatedTower
@@ -75,7 +75,10 @@ class Source:
     """Which part of it."""
 
     layouts: Mapping[str, SensorLayout] = field(default_factory=dict)
-    """Turbine → its layout, of a recording."""
+    """Turbine → its layout, of a recording or of layout files."""
+
+    layout_files: tuple[Path, ...] = ()
+    """Of a live source: the files of its units' channels."""
 
     feed: "LiveFeed | None" = None
     """Feed of an instrument that the session listens to itself."""
@@ -87,8 +90,12 @@ class Source:
 
     @property
     def turbines(self) -> tuple[str, ...]:
-        """Turbines that are known beforehand, in order: a recording's, or the scenario's."""
-        return tuple(self.layouts) or tuple(m.turbine.id for m in farm_members(self.scenario))
+        """Turbines that are known beforehand, in order: a recording's, or the scenario's.
+
+        Layout files add none: shards on machines without these files deal alike.
+        """
+        recorded = () if self.is_live else tuple(self.layouts)
+        return recorded or tuple(m.turbine.id for m in farm_members(self.scenario))
 
     @property
     def metadata(self) -> Metadata:
@@ -184,7 +191,9 @@ def _begin(message: Message) -> int:
             return 0
 
 
-def open_source(text: str | None, scenario: str | None = None) -> Source:
+def open_source(
+    text: str | None, scenario: str | None = None, layout_files: Sequence[Path] = ()
+) -> Source:
     """Return the source that `--source` names: replay:FILE, simulate:SCENARIO or live.
 
     Parameters
@@ -193,13 +202,21 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
         None: replay the recording that comes with the project.
     scenario : str, optional
         Name or path; None: the recording's own, the simulated one, or modes only.
+    layout_files : sequence of Path, optional
+        Of a live source: one of each acquisition unit; () takes the scenario's sensors.
 
     Raises
     ------
     SourceError
+    LayoutError
     ScenarioError
     RecordingError
     """
+    if layout_files and text != "live":
+        raise SourceError(
+            f"--layout {layout_files[0]} is for a file of measurements, an instrument or "
+            f"--source live, not for {text}"
+        )
     if text is None:
         return _default_source(scenario)
     kind, _, name = text.partition(":")
@@ -219,9 +236,7 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
     if text == "live":
         if scenario is None:
             report_modes_only("live")
-        chosen = load_scenario(scenario or MODES_ONLY)
-        first = farm_members(chosen)[0]
-        return Source("live", chosen, first.layout, truth=None, duration=None)
+        return _live(load_scenario(scenario or MODES_ONLY), tuple(layout_files))
     if Path(text).is_file() and text.endswith(".mcap"):
         raise SourceError(f"--source {text} is a recording: --source replay:{text} replays it")
     if Path(text).is_file():
@@ -234,6 +249,38 @@ def open_source(text: str | None, scenario: str | None = None) -> Source:
     raise SourceError(
         f"--source {text!r} is none of replay:FILE, simulate:SCENARIO, live, the address of an "
         "instrument (mqtt://HOST/TOPIC, …) and a file that exists"
+    )
+
+
+def _live(scenario: Scenario, layout_files: tuple[Path, ...]) -> Source:
+    """Return what instruments publish; the model is read at the layout files' channels, where
+    there are none at the scenario's sensors."""
+    from sensors.feeds.assembly.channel_map import sensor_layout
+    from sensors.files.layout_file import load_layout
+
+    by_turbine: dict[str, dict[str, SensorLayout]] = {}
+    for path in layout_files:
+        layout = sensor_layout(load_layout(path))
+        units = by_turbine.setdefault(layout.turbine, {})
+        if layout.unit in units:
+            raise SourceError(
+                f"--layout {path}: unit {layout.unit} of {layout.turbine} has a layout already; "
+                "give each acquisition unit a `unit` of its own"
+            )
+        units[layout.unit] = layout
+    layouts = {  # joined in the order in which the identification joins units
+        turbine: joined_layout([units[name] for name in sorted(units)])
+        for turbine, units in by_turbine.items()
+    }
+    first = next(iter(layouts.values()), None) or farm_members(scenario)[0].layout
+    return Source(
+        "live",
+        scenario,
+        first,
+        truth=None,
+        duration=None,
+        layouts=layouts,
+        layout_files=layout_files,
     )
 
 

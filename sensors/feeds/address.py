@@ -26,7 +26,10 @@ from sensors.feeds.protocol import FeedError
 _COMMON = ("rate", "wait")
 _SECURITY = ("ca", "cert", "key", "password-file")
 _OPCUA = ("interval", "security", "policy", "cert", "key", "server", "password-file")
-_SCADA = ("time", "state", "wind_speed", "rotor_speed", "pitch", "yaw", "power", "water_level")
+_SCADA = (
+    *("time", "state", "wind_speed", "rotor_speed", "pitch", "yaw", "power", "water_level"),
+    "water_level_zero",
+)
 OPTIONS = {  # by scheme
     "mqtt": (
         *_COMMON,

@@ -120,7 +120,8 @@ class LayoutFile:
     """Name of the acquisition unit, part of a Zenoh key."""
 
     layout_id: str = "imported"
-    """Name of the layout, in every message."""
+    """Name of the layout, in every message, one of each unit; a file without it has turbine and
+    unit, joined by a hyphen."""
     origin: str = "layout"
     """The file's name, for errors."""
 
@@ -281,9 +282,8 @@ def parse_layout(text: str, path: str) -> LayoutFile:
     checked = settings_from_table(_Heading, others, path, LayoutError)
     try:
         _require_heights(mapped)
-        return LayoutFile(
-            mapped, checked.turbine, checked.unit, checked.layout_id, path, checked.time
-        )
+        layout_id = checked.layout_id or f"{checked.turbine}-{checked.unit}"
+        return LayoutFile(mapped, checked.turbine, checked.unit, layout_id, path, checked.time)
     except LayoutError as error:
         raise LayoutError(f"{path}: {error}") from error
 
@@ -294,7 +294,7 @@ class _Heading:
 
     turbine: str = "turbine"
     unit: str = "tower"
-    layout_id: str = "imported"
+    layout_id: str = ""
     time: TimeColumn = UNSTATED
 
     def __post_init__(self) -> None:

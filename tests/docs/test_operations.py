@@ -81,6 +81,33 @@ def test_every_alert_is_raised_by_its_figures_and_by_no_others(tmp_path: Path) -
     assert checked.returncode == 0, checked.stdout + checked.stderr
 
 
+def test_the_rule_of_the_page_is_raised_by_a_spring_that_stays_low(tmp_path: Path) -> None:
+    promtool = tool("promtool")
+    page = (FOLDER.parent / "pages" / "operating.md").read_text("utf-8")
+    (rule,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "rule.yml").write_text(rule)
+    series = 'pilewatch_stiffness_ratio{turbine="t",spring="k22",level="0.5"}'
+    firing = {
+        "expr": 'count(ALERTS{alertstate="firing"}) by (alertname)',
+        "eval_time": "70m",
+        "exp_samples": [{"labels": '{alertname="RotationalStiffnessLow"}', "value": 1}],
+    }
+    tests = [
+        {
+            "interval": "1m",
+            "input_series": [{"series": series, "values": f"{ratio}x90"}],
+            "promql_expr_test": [firing | {"exp_samples": samples}],
+        }
+        for ratio, samples in ((0.94, firing["exp_samples"]), (0.96, []))
+    ]
+    file = tmp_path / "test.yml"
+    file.write_text(json.dumps({"rule_files": ["rule.yml"], "tests": tests}))
+    checked = subprocess.run(
+        [promtool, "test", "rules", str(file)], capture_output=True, text=True, check=False
+    )
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
 def test_every_alert_has_its_test() -> None:
     text = (FOLDER / "alerts.yml").read_text()
     assert {line.split()[-1] for line in text.splitlines() if "- alert:" in line} == set(RAISED)

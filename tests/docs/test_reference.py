@@ -50,3 +50,38 @@ def test_every_command_is_named_with_its_options(reference: ModuleType) -> None:
     text = reference.commands()
     assert "## pilewatch identify" in text
     assert "`--lowest-frequency`" in text
+
+
+def test_the_choices_of_an_option_are_listed(reference: ModuleType) -> None:
+    assert "One of `importance`, `emcee`, `tmcmc`, `tmcmc-published`." in reference.commands()
+
+
+@pytest.mark.parametrize("page", ["scenario", "description", "layout", "notices", "mapping"])
+def test_values_are_named_in_words_and_as_toml(reference: ModuleType, page: str) -> None:
+    rows = [
+        line for line in reference.pages()[f"reference/{page}.md"].splitlines() if "| `" in line
+    ]
+    python = ("tuple[", "Optional", "Literal", "`None`", "`()`", "`True`", "`False`", "None:")
+    assert [(row, word) for row in rows for word in python if word in row] == []
+
+
+def test_wording_is_of_keys_that_there_are(reference: ModuleType) -> None:
+    settings = (Scenario, TurbineDescription, LayoutFile, AlarmSettings, PayloadMapping)
+    found = {
+        (kind.__name__, key.name)
+        for each in settings
+        for _, kind in reference.sections(each, "")
+        for key in reference.keys(kind)
+    }
+    assert set(reference.WORDING) - found == set()
+
+
+def test_every_field_of_a_message_has_its_meaning(reference: ModuleType) -> None:
+    rows = [line for line in reference.message_tables().splitlines() if line.startswith("| `")]
+    assert len(rows) > 100
+    assert [row for row in rows if row.endswith("|  |")] == []
+
+
+def test_a_comment_that_goes_on_below_its_field_is_whole(reference: ModuleType) -> None:
+    meaning = reference.field_meanings(TurbineDescription)["transition"]
+    assert meaning.endswith("sits; None: no such place is known [m]")

@@ -172,8 +172,9 @@ def read(
         increase are followed all the same; a warning is logged where they have another rate.
     layout : str or path, optional
         Layout file (TOML): which channels, where they are, in what units.
-    dates : {"day-first", "month-first"}, optional
-        What comes first in dates such as 3/4/2024; needed where the file leaves it open.
+    dates : str, optional
+        What comes first in dates such as 3/4/2024, "day-first" or "month-first"; None: as the dates
+        of the file show, which is an error where they leave it open.
     zone : str, optional
         Time zone of dates that state none, such as "Europe/Berlin"; UTC by default.
 

@@ -86,7 +86,7 @@ class Structure:
     ----------
     description : str, path or TurbineDescription
         "iea15mw_monopile", or the path of a TOML file (`pilewatch describe --template`).
-    sign : {"published", "embedded-pile"}, optional
+    sign : str, optional
         Sign convention of k12; the description's by default.
 
     Raises

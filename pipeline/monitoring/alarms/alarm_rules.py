@@ -14,7 +14,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.monitoring.alarms.settings import AlarmLogSettings
+from pipeline.monitoring.alarms.settings import THRESHOLDS, AlarmLogSettings
 from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
 
@@ -98,7 +98,7 @@ class AlarmRules:
             case WindowRejected():
                 found = self._rejected(message)
             case FoundationPosterior():
-                found = _posterior(message)
+                found = (*_posterior(message), *self._thresholds(message))
             case NodeStatus():
                 found = (*_recorder(message), *_clock(message))
         answered = isinstance(message, ModalEstimate | WindowRejected | FoundationPosterior)
@@ -155,6 +155,24 @@ class AlarmRules:
         elif window.code in REFUSAL_CODES:
             text = f"no posterior of the {begin}: {window.reason}"
             yield AlarmCondition(f"{turbine}/refused", "refused", turbine, text)
+
+    def _thresholds(self, posterior: FoundationPosterior) -> Iterator[AlarmCondition]:
+        """Springs below their thresholds; a posterior that is not trusted changes nothing."""
+        if not posterior.trusted:
+            return
+        for name in THRESHOLDS:
+            spring, least = name.removesuffix("_below"), getattr(self._settings, name)
+            if least > 0:
+                found = posterior.parameter(spring)
+                low, ratio, high = sorted(  # of a negative k12 the quantiles change places
+                    value / found.nominal for value in (found.p05, found.median, found.p95)
+                )
+                text = (
+                    f"{spring} is {ratio:.3f} of nominal (90 % interval {low:.3f} to {high:.3f}), "
+                    f"below {least:g}"
+                )
+                key = f"{posterior.turbine}/threshold/{spring}"
+                yield _state(key, "threshold", posterior.turbine, text, ratio < least)
 
     def _instrument_key(self, turbine: str, code: str, text: str) -> str:
         """One fault of certain channels; the same fault of another channel has another key."""

@@ -35,8 +35,9 @@ from sensors.settings import settings_from_table, toml_table
 
 KINDS = (
     *("change", "gap", "silence", "sensor", "clock", "untrusted", "refused", "node"),
-    *("recorder", "books", "no-posterior", "delivery"),
+    *("recorder", "books", "no-posterior", "delivery", "threshold"),
 )
+THRESHOLDS = ("k11_below", "k22_below", "k12_below")  # keys
 TLS_PORT = 465  # SMTP with TLS from the first byte (RFC 8314)
 
 
@@ -60,12 +61,19 @@ class AlarmLogSettings:
     """Windows answered on end without a posterior that raise an alarm."""
     undelivered: float = 300.0
     """Time after which a channel that does not deliver raises an alarm by the others [s]."""
+    k11_below: float = 0.0
+    """Median of k11 over nominal, of a trusted posterior, below which an alarm is raised [-]; 0:
+    none."""
+    k22_below: float = 0.0
+    """The same of k22 [-]."""
+    k12_below: float = 0.0
+    """The same of k12 [-]."""
 
     def __post_init__(self) -> None:
         for kind in self.kinds:
             if kind not in KINDS:
                 raise AlarmError(f"kinds has {kind!r}; there are {', '.join(KINDS)}")
-        for name in ("reminder", "settle", "shortest_gap", "undelivered"):
+        for name in ("reminder", "settle", "shortest_gap", "undelivered", *THRESHOLDS):
             if not getattr(self, name) >= 0:
                 raise AlarmError(f"{name} is {getattr(self, name)}; it must not be negative")
         if self.windows_without_posterior < 1:

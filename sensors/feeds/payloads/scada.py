@@ -4,6 +4,8 @@
 
 Names are the ScadaSample's; others are mapped by options of the feed's address, with a factor
 where the unit differs:  ?wind_speed=Wind.Avg&power=P_kW*1000
+Where the level counts from another zero than the mean water level, water_level_zero is the
+elevation of that zero above the mean [m]; a chart datum has a negative one.
 """
 
 import dataclasses
@@ -20,6 +22,7 @@ from sensors.feeds.protocol import FeedCounts, FeedError
 
 REPORTED_STATES = ("parked", "idling", "start", "operating", "stop", "")
 LARGEST_FIGURE = 1e9  # of any figure, in whatever unit
+LARGEST_ELEVATION = 1e4  # of a gauge's zero above or below the mean water level [m]
 LEAP = 86_400.0  # between two reports: a stamp farther ahead is believed when others agree [s]
 AGREEING_REPORTS = 3  # reports in a row
 _FIGURES = tuple(
@@ -49,6 +52,7 @@ class ScadaReader:
     def __init__(self, address: FeedAddress, turbine: str) -> None:
         self._turbine = turbine
         self._figures = {name: _mapped(address, name) for name in _FIGURES}
+        self._zero = _elevation(address, "water_level_zero")
         given = [name for name in address.options if name in (*_FIGURES, "state")]
         self.declared = tuple(_mapped(address, name).name for name in given)
         self._time, self._state = _mapped(address, "time").name, _mapped(address, "state").name
@@ -75,6 +79,7 @@ class ScadaReader:
         if state not in REPORTED_STATES:
             raise MessageError(f"{self._state} is {state!r:.20}; {', '.join(REPORTED_STATES[:-1])}")
         figures = {name: _figure(each, said) for name, each in self._figures.items()}
+        figures["water_level"] += self._zero
         return ScadaSample(self._turbine, time_ns, state, **figures)
 
 
@@ -142,6 +147,17 @@ def _mapped(address: FeedAddress, name: str) -> _Mapped:
         raise FeedError(
             f"{address.text}: {name}={written}*{factor}: {factor!r} is no factor"
         ) from error
+
+
+def _elevation(address: FeedAddress, option: str) -> float:
+    written = address.options.get(option, "0")
+    try:
+        elevation = float(written)
+    except ValueError:
+        elevation = math.nan
+    if not abs(elevation) <= LARGEST_ELEVATION:
+        raise FeedError(f"{address.text}: {option}={written} is no elevation in metres")
+    return elevation
 
 
 def _figure(mapped: _Mapped, said: Mapping[str, Any]) -> float:

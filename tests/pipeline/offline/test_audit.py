@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.messages import FoundationPosterior, Message
-from pipeline.offline.audit import audit
+from pipeline.offline.audit import AuditPeriod, audit
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.writer import whole_recording
 from pipeline.run.options import SessionOptions
@@ -83,6 +83,48 @@ def test_a_posterior_that_is_missing_leaves_its_estimate_pending(
 
     found = audit(rewritten(folder, tmp_path / "copy", keep))
     assert found.as_json()["turbines"][0]["pending"] == 1
+
+
+def test_a_gap_counts_in_the_period_that_has_it_and_in_no_other(
+    folder: Path, tmp_path: Path
+) -> None:
+    def keep(message: Message) -> bool:
+        return not isinstance(message, AccelerationBlock) or not 100 <= message.sequence < 105
+
+    copy = rewritten(folder, tmp_path / "copy", keep)
+    blocks = [m for m in read_messages(copy / "session.mcap") if isinstance(m, AccelerationBlock)]
+    before = AuditPeriod(until_ns=blocks[50].end_ns)
+    over_its_begin = AuditPeriod(blocks[99].end_ns + 10**9, blocks[120].end_ns)
+    after = AuditPeriod(since_ns=blocks[120].end_ns)
+
+    assert not audit(copy, before).violations
+    assert not audit(copy, after).violations
+    (violation,) = audit(copy, over_its_begin).violations
+    assert "blocks 100 to 104 are neither recorded nor reported missing" in violation
+    (unit,) = audit(copy, after).as_json()["units"]
+    assert unit["recorded"] == len(blocks) - 121 + 1  # with the last one before it
+
+
+def test_the_windows_of_two_periods_are_those_of_the_whole(folder: Path) -> None:
+    ends = [m.time_ns for m in read_messages(folder / "session.mcap") if is_posterior(m)]
+    halves = [
+        audit(folder, AuditPeriod(until_ns=ends[0])),
+        audit(folder, AuditPeriod(since_ns=ends[0])),
+    ]
+
+    assert [each.violations for each in halves] == [(), ()]
+    found = [each.as_json()["turbines"][0] for each in halves]
+    assert [each["identified"] for each in found] == [1, 1]
+    assert [each["in_posterior"] for each in found] == [1, 1]
+
+
+def is_posterior(message: Message) -> bool:
+    return isinstance(message, FoundationPosterior)
+
+
+def test_a_period_without_a_length_is_one_line() -> None:
+    with pytest.raises(InputError, match="--since is not before --until"):
+        AuditPeriod(5, 5)
 
 
 def test_damaged_files_are_named(folder: Path, tmp_path: Path) -> None:

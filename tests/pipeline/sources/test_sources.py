@@ -11,6 +11,7 @@ from pipeline.recording.info import recording_info
 from pipeline.recording.reader import read_messages
 from pipeline.recording.writer import whole_recording
 from pipeline.run.options import SessionOptions
+from pipeline.run.processes import node_command
 from pipeline.run.run import run_session
 from pipeline.scenario import load_scenario, scenario_from_metadata, scenario_metadata
 from pipeline.sources.feed_publisher import feed_source
@@ -22,6 +23,7 @@ from pipeline.sources.sources import (
     replayed,
     simulated,
 )
+from pipeline.transport.zenoh_bus import peer_of
 from sensors.errors import InputError
 from sensors.structure.description import load_turbine, shipped_text
 from tests.pipeline.example_messages import LAYOUT, block
@@ -109,6 +111,43 @@ def test_a_live_source_without_a_scenario_has_no_structure(
     assert "no structure is given: modes are tracked" in caplog.text
     assert open_source("live", "parked").scenario.has_structure
     assert load_scenario(open_source("live").scenario.origin).turbine.description == "none"
+
+
+def layout_file(path: Path, unit: str, *places: tuple[str, float]) -> Path:
+    channels = (
+        f'[[channels]]\nname = "{name}"\nelevation = {elevation}\ndirection = [-1, 0, 0]\n'
+        for name, elevation in places
+    )
+    path.write_text(f'turbine = "t1"\nunit = "{unit}"\n' + "".join(channels))
+    return path
+
+
+def test_the_layout_files_of_a_live_source_are_joined_by_turbine(tmp_path: Path) -> None:
+    top = layout_file(tmp_path / "top.toml", "top", ("x", 145.0))
+    low = layout_file(tmp_path / "low.toml", "low", ("x", 41.0))
+    live = open_source("live", "parked", (top, low))
+
+    assert live.layout == live.layouts["t1"]
+    assert live.layout.channel_names == ("low/x", "top/x")
+    assert live.layout.layout_id == "t1-low+t1-top"  # a recording keeps layouts by their names
+    assert [each.direction for each in live.layout.channels] == [(-1.0, 0.0, 0.0)] * 2
+    assert live.turbines == open_source("live", "parked").turbines  # shards deal alike
+    command = node_command("updating", live, SessionOptions(), peer_of("tcp/127.0.0.1:1"), "own")
+    assert [command[i + 1] for i, word in enumerate(command) if word == "--layout"] == [
+        str(top),
+        str(low),
+    ]
+
+
+def test_two_layout_files_of_one_unit_are_one_line(tmp_path: Path) -> None:
+    files = [layout_file(tmp_path / f"{n}.toml", "top", ("x", 145.0)) for n in (1, 2)]
+    with pytest.raises(SourceError, match="unit top of t1 has a layout already"):
+        open_source("live", "parked", files)
+
+
+def test_a_layout_file_is_for_no_replay(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="not for simulate:parked"):
+        open_source("simulate:parked", None, (tmp_path / "top.toml",))
 
 
 def test_a_feed_without_a_scenario_has_no_structure(tmp_path: Path) -> None:

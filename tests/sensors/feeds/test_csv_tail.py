@@ -55,6 +55,20 @@ def test_all_rows_are_given_from_the_start_if_wanted(tmp_path: Path) -> None:
     assert winds([*measured_until(live, lambda: live.counts.received == 2)]) == [0.5, 1.5]
 
 
+def test_a_level_above_a_chart_datum_is_given_above_the_mean(tmp_path: Path) -> None:
+    path = tmp_path / "tide.csv"
+    path.write_text(f"time,Level_cm\n{START},325\n")
+    live = tail(path, "?from=start&water_level=Level_cm*0.01&water_level_zero=-1.85")
+    (sample,) = measured_until(live, lambda: live.counts.received == 1)
+    assert isinstance(sample, ScadaSample)
+    assert sample.water_level == pytest.approx(1.4)
+
+
+def test_a_zero_of_the_level_that_is_no_elevation_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(FeedError, match="water_level_zero=LAT is no elevation in metres"):
+        tail(tmp_path / "tide.csv", "?water_level_zero=LAT")
+
+
 def test_a_row_that_is_half_written_is_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "scada.csv"
     path.write_text(HEADER)

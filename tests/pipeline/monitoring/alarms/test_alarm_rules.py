@@ -4,7 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline.messages import FoundationEvent, NodeStatus, QualityWarning, StreamGap, WindowRejected
+from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
+    NodeStatus,
+    QualityWarning,
+    StreamGap,
+    WindowRejected,
+)
 from pipeline.monitoring.alarms.alarm_rules import AlarmCondition, AlarmRules
 from pipeline.monitoring.alarms.settings import AlarmError, AlarmLogSettings
 from sensors.acquisition.blocks import NANOSECONDS
@@ -218,3 +225,34 @@ def test_books_that_do_not_balance_and_posteriors_that_do_not_come_are_alarms() 
 def test_a_number_of_windows_that_is_none_is_one_line() -> None:
     with pytest.raises(AlarmError, match="windows_without_posterior is 0"):
         AlarmLogSettings(windows_without_posterior=0)
+
+
+def with_k22(ratio: float, *, trusted: bool = True) -> FoundationPosterior:
+    """The posterior with another k22 over nominal."""
+    parameters = [
+        replace(each, median=ratio * each.nominal, p05=0.9 * each.nominal, p95=1.1 * each.nominal)
+        if each.name == "k22"
+        else each
+        for each in POSTERIOR.parameters
+    ]
+    return replace(POSTERIOR, parameters=tuple(parameters), trusted=trusted)
+
+
+def test_a_spring_below_its_threshold_is_an_alarm_until_it_is_above() -> None:
+    rules = AlarmRules(AlarmLogSettings(kinds=("threshold",), k22_below=0.95))
+
+    (raised,) = rules.causes(with_k22(0.94), 0)
+    assert (raised.kind, raised.key) == ("threshold", f"{POSTERIOR.turbine}/threshold/k22")
+    assert raised.text == ("k22 is 0.940 of nominal (90 % interval 0.900 to 1.100), below 0.95")
+    assert list(rules.causes(with_k22(0.5, trusted=False), 0)) == []
+    (ended,) = rules.causes(with_k22(0.96), 0)
+    assert (ended.over, ended.key) == (True, raised.key)
+
+
+def test_without_a_threshold_no_spring_raises_an_alarm(finder: AlarmRules) -> None:
+    assert "threshold" not in [each.kind for each in finder.causes(with_k22(0.1), 0)]
+
+
+def test_a_threshold_that_is_no_ratio_is_refused() -> None:
+    with pytest.raises(AlarmError, match="k22_below is -1"):
+        AlarmLogSettings(k22_below=-1.0)
