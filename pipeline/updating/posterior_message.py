@@ -113,18 +113,23 @@ def relative_stiffness(
 
 
 def spring_summaries(
-    drawn: FloatArray, prior: Prior, intervals: FloatArray | None = None
+    drawn: FloatArray, prior: Prior, log_intervals: FloatArray | None = None
 ) -> tuple[ParameterSummary, ...]:
     """Quantiles of every draw, k in its own unit.
 
-    intervals   (3,) width of the springs' 90 % intervals beforehand, over nominal; None: those of
-                the prior's box
+    log_intervals   (3,) widths of 90 % intervals of ln |k| beforehand, where the springs are known
+                    to a factor [-]; None: known within the prior's box
     """
     values = drawn * np.append(prior.nominal, 1.0)
     bounds = prior.settings
-    box = np.full(3, bounds.highest_ratio - bounds.lowest_ratio)
-    extents = [*(box if intervals is None else intervals / 0.9).tolist(), bounds.highest_sigma]
     quantiles = np.sort(np.quantile(values, [0.05, 0.5, 0.95], axis=0), axis=0)
+    low, _, high = quantiles
+    widths = (high - low) / np.abs(np.append(prior.nominal, 1.0))
+    box = bounds.highest_ratio - bounds.lowest_ratio
+    extents = np.array([box, box, box, bounds.highest_sigma])
+    if log_intervals is not None:
+        widths[:3] = np.abs(np.log(high[:3] / low[:3]))
+        extents[:3] = log_intervals / 0.9
     return tuple(
         ParameterSummary(
             name=name,
@@ -133,13 +138,14 @@ def spring_summaries(
             median=float(median),
             p05=float(low),
             p95=float(high),
-            contraction=contraction((high - low) / abs(nominal), extent),
+            contraction=contraction(width, extent),
         )
-        for name, unit, nominal, extent, (low, median, high) in zip(
+        for name, unit, nominal, width, extent, (low, median, high) in zip(
             (*PARAMETER_NAMES, "sigma"),
             (*PARAMETER_UNITS, "-"),
             (*prior.nominal, 1.0),
-            extents,
+            widths.tolist(),
+            extents.tolist(),
             quantiles.T,
             strict=True,
         )

@@ -37,7 +37,7 @@ from pipeline.updating.prior import Prior
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.structural.alternatives import JointInference
-from pipeline.updating.structural.joint_message import joint_message, mode_labels
+from pipeline.updating.structural.joint_message import UNLABELLED, joint_message, mode_labels
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh, model_at
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
@@ -359,7 +359,7 @@ def _joint_sensitivities(
     water = (
         [each.curve for each in fit.partners_in_water(peak.u, peak.comparison)] if moved else None
     )
-    known = [each for each in peak.comparison.used if labels[each.model_modes[0]] != "?"]
+    known = [each for each in peak.comparison.used if labels[each.model_modes[0]] != UNLABELLED]
     chosen = found.evidence.one_a_track(each.identified for each in known)
     return tuple(
         TrackSensitivity(

@@ -43,6 +43,8 @@ from sensors.structure.figures import LEVEL
 
 SAMPLER = "laplace"
 WORTH_NAMING = 0.02  # share of a spring's variance from which a figure stands in the budget [-]
+UNLABELLED = "?"
+"""Label of a mode of the model that the description has no label for."""
 LEAST_ALTERNATIVE = 1e-3  # probability from which an alternative is named [-]
 NORMAL_90 = float(np.ptp(ndtri([0.05, 0.95])))  # width of the 90 % interval [std]
 HALF_NORMAL_90 = float(np.ptp(ndtri([0.525, 0.975])))
@@ -121,7 +123,7 @@ def distrust(found: JointRefresh, guards: AcceptanceSettings) -> tuple[QualityWa
         doubts.append(
             QualityWarning(
                 "unpredicted",
-                f"{share:.0%} of the modes are not what the others predict (at most "
+                f"{share:.1%} of the modes are not what the others predict (at most "
                 f"{guards.unpredicted_share:.0%} expected): the structure differs from the "
                 "description by more than its figures",
             )
@@ -157,8 +159,8 @@ def distrust(found: JointRefresh, guards: AcceptanceSettings) -> tuple[QualityWa
     doubts += [
         QualityWarning(
             "figure-outside-prior",
-            f"{each.name} lies {abs(each.deviations):.1f} of its prior's standard deviations "
-            f"{'above' if each.deviations > 0 else 'below'} the description",
+            f"{each.name} lies {'above' if each.deviations > 0 else 'below'} the description, "
+            f"{abs(each.deviations):.1f} times as far as its prior lets it be moved",
         )
         for each in found.conflicts
         if abs(each.deviations) > guards.figure_deviation
@@ -171,13 +173,18 @@ def _misfits(pairs: tuple[ModePair, ...], found: JointRefresh) -> tuple[QualityW
     return tuple(
         QualityWarning(
             "mode-misfit",
-            f"mode {pair.identified or '?'} at {pair.frequency:.4g} Hz, taken for the model's "
-            f"{pair.model}, is not what the other modes predict ({what_differs(pair)}): it "
+            f"mode {pair.identified or '?'} at {pair.frequency:.4g} Hz, taken for "
+            f"{_named(pair.model)}, is not what the other modes predict ({what_differs(pair)}): it "
             "counts little",
         )
         for pair, p in zip(pairs, found.checks.p_values, strict=True)
         if p < UNPREDICTED
     )
+
+
+def _named(label: str) -> str:
+    """A mode of the model in words."""
+    return "a mode that the description has not" if label == UNLABELLED else f"the model's {label}"
 
 
 def _pairs(found: JointRefresh, model: ModalModel) -> tuple[ModePair, ...]:
@@ -208,7 +215,7 @@ def _pairs(found: JointRefresh, model: ModalModel) -> tuple[ModePair, ...]:
 
 
 def mode_labels(found: JointRefresh, model: ModalModel) -> tuple[str, ...]:
-    """The description's labels of the fit's modes; "?" for one that it has no label for."""
+    """The description's labels of the fit's modes; UNLABELLED for one that it has none for."""
     modes = found.best.peak.comparison.linearisation
     shown = model.modal(model.theta_reference)
     logs, shapes = np.log(shown.frequencies[0]), shown.shapes[0]
@@ -217,7 +224,7 @@ def mode_labels(found: JointRefresh, model: ModalModel) -> tuple[str, ...]:
     cost = ((np.log(modes.frequencies)[:, None] - logs) / 0.01) ** 2
     cost = np.minimum(cost + ((1 - products / norms) / 0.15) ** 2, 1e3)
     rows, columns = linear_sum_assignment(np.nan_to_num(cost, nan=1e3))
-    labels = ["?"] * len(modes.frequencies)
+    labels = [UNLABELLED] * len(modes.frequencies)
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
         if cost[row, column] < 9.0:
             labels[row] = model.labels[column]

@@ -198,12 +198,12 @@ class JointCoordinates:
         return np.stack([k11, k22, k12], axis=-1)
 
     def spring_intervals(self) -> FloatArray:
-        """(3,) widths of 90 % intervals of k11, k22, k12 beforehand, over their nominal values."""
+        """(3,) widths of 90 % intervals of ln k11, ln k22, ln |k12| beforehand [-]."""
         u = np.zeros((PRIOR_DRAWS, self.n_dim))
         covariance = np.linalg.inv(self.prior_precision)[:N_SPRINGS, :N_SPRINGS]
         normal = np.random.default_rng(0).standard_normal((PRIOR_DRAWS, N_SPRINGS))
         u[:, :N_SPRINGS] = self.origin[:N_SPRINGS] + normal @ np.linalg.cholesky(covariance).T
-        low, high = np.quantile(self.springs(u) / self.nominal, [0.05, 0.95], axis=0)
+        low, high = np.quantile(np.log(self.springs(u) / self.nominal), [0.05, 0.95], axis=0)
         return np.asarray(high - low)
 
     def departures(self, u: FloatArray) -> FloatArray:

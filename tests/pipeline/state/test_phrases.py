@@ -4,8 +4,8 @@ from pipeline.state.phrases import figure_name, figures_named
 
 
 def test_figures_of_a_warning_go_by_their_names_in_the_tables() -> None:
-    text = "rna_mass lies 10.1 of its prior's standard deviations below the description"
-    assert figures_named(text).startswith("RNA mass lies 10.1 ")
+    text = "rna_mass lies below the description, 10.1 times as far as its prior lets it be moved"
+    assert figures_named(text).startswith("RNA mass lies below ")
     assert figures_named("wall_thickness lies 4.5 above").startswith(figure_name("wall_thickness"))
 
 

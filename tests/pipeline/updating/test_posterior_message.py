@@ -9,6 +9,8 @@ from pipeline.messages import FoundationPosterior
 from pipeline.updating.acceptance import AcceptanceSettings
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.likelihood.pairing import PairingSettings
+from pipeline.updating.posterior_message import spring_summaries
+from pipeline.updating.prior import Prior
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import ImportanceSettings
 from pipeline.updating.samplers.registry import SamplingSettings
@@ -76,6 +78,17 @@ def test_contraction_is_the_intervals_share_of_the_priors_nine_tenths(posterior)
         assert parameter.contraction == pytest.approx(share, rel=1e-9) or (
             parameter.contraction == pytest.approx(1 - share, rel=1e-9)
         )
+
+
+@pytest.mark.parametrize("ratio", [0.3, 1.0, 4.0])
+def test_springs_known_to_a_factor_beforehand_are_compared_by_their_factors(ratio: float) -> None:
+    """Known to a fifth of the prior's interval, whether soft or stiff; k12 is negative."""
+    log_interval = 3.0
+    nominal = np.array([2.0, 5.0, -3.0])
+    ratios = ratio * np.exp(log_interval / 5 * np.linspace(-0.5, 0.5, 1001) / 0.9)
+    drawn = np.column_stack([*[ratios] * 3, np.full(1001, 0.5)])
+    summaries = spring_summaries(drawn, Prior(nominal, SETTINGS.prior), np.full(3, log_interval))
+    assert [each.contraction for each in summaries[:3]] == pytest.approx([0.8] * 3, abs=0.01)
 
 
 def test_pairs_show_the_model_at_the_median_not_at_nominal(posterior):
