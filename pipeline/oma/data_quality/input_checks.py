@@ -322,7 +322,7 @@ def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> t
         text = (
             f"from {octave.begin:.3g} s on, what shakes between {octave.low:.2g} and "
             f"{2 * octave.low:.2g} Hz is {octave.loudness:.2g} times as loud as its median: a "
-            "transient, in which estimates of damping mean little"
+            "transient, in which estimates of damping mean little and a peak may be the load's"
         )
     elif decay is not None and decay.excess > 1:
         text = _decay_in_words(decay)
@@ -340,7 +340,8 @@ def _decay_in_words(decay: RingDown) -> str:
         )
     return (
         f"loads {octave} are {decay.loudness:.2g} times as strong about {decay.time:.3g} s as in "
-        "another part of the window: a stop or a start, in which estimates of damping mean little"
+        "another part of the window: a stop or a start, in which estimates of damping mean little "
+        "and a peak may be the load's"
     )
 
 
