@@ -11,6 +11,7 @@
         drawn again third fourth fifth   (13 modules are left; 27 more by seed 186002 over all)
     python -m tests.mutation.draw --seed 20261201 --faults 80 --without fifth sixth
     python -m tests.mutation.draw --seed 20261217 --faults 60   (ninth)
+    python -m tests.mutation.draw --seed 20261127 --faults 60   (tenth)
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it; and those that hold what is published and
