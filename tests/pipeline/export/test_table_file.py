@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pyarrow as pa
 import pytest
-from pyarrow import parquet
+from pyarrow import csv, parquet
 
-from pipeline.export.table_file import TableFile
+from pipeline.export.table_file import Format, TableFile
 
 
 def test_rows_are_written_in_groups_and_counted(
@@ -22,3 +22,15 @@ def test_rows_are_written_in_groups_and_counted(
     whole = parquet.ParquetFile(path)
     assert [whole.metadata.row_group(n).num_rows for n in range(3)] == [4, 4, 2]
     assert whole.read()["n"].to_pylist() == list(range(10))
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_a_file_that_is_closed_is_whole_while_its_table_is_still_there(
+    tmp_path: Path, form: Format
+) -> None:
+    path, schema = tmp_path / "t", pa.schema([("n", pa.int64())])
+    table = TableFile(path, schema, form)
+    table.add_rows([(n,) for n in range(10)])
+    table.close()
+    whole = csv.read_csv(path) if form == "csv" else parquet.read_table(path)
+    assert whole["n"].to_pylist() == list(range(10))
