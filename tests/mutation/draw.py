@@ -15,8 +15,12 @@
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it; and those that hold what is published and
-what settings take, where a module has to do with these. Texts of messages, docstrings, logging,
-generated code and what only draws are left out: a fault there changes no figure.
+what settings take, where a module has to do with these. With `--executed FILE`, which
+`tests.mutation.executed` writes, those follow that execute the function with the fault, the
+shortest first, for some seconds in all, and one that passes most of the module's room: a fault that
+the suite catches is not missed because the test that catches it is far away. Texts of messages,
+docstrings, logging, generated code and what only draws are left out: a fault there changes no
+figure.
 """
 
 import argparse
@@ -47,13 +51,29 @@ EXCHANGED = {
     "sin": "cos", "argmin": "argmax", "argmax": "argmin", }  # fmt: skip
 ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 WITHOUT_EFFECT = {"strict", "no_wrap"}  # a guard against errors of the code; a terminal's lines
-MOST_TESTS = 4  # modules of tests that are run for a fault
+MOST_TESTS = 4  # modules of tests that are run for a fault because they import its module
+MOST_SECONDS = 10.0  # of those that are run because they execute its function [CPU s]
 SLOW = {"acceptance", "outside", "reproduction", "test_browser.py", "test_flow.py"}  # minutes each
 API = "pipeline/api/"  # what stands in it is imported as of the top: `pilewatch`
 PUBLISHED = "tests/pipeline/test_published.py"  # what these rooms say, and every default
 PUBLISHING = {"cli", "export", "monitoring", "recording", "report", "state"}
 KEYS = "tests/test_scenario_keys.py"  # what settings take
+A_RUN = "tests/test_golden_run.py::test_a_run_gives_the_same_messages_as_before[bad-sensors]"
+WHOLE = {  # a test that passes most of a room, of ten seconds at most
+    **dict.fromkeys(("acquisition", "dynamics", "loads", "simulation", "structure"), A_RUN),
+    **dict.fromkeys(("nodes", "oma", "runtime", "updating"), A_RUN),
+    **dict.fromkeys(("sources", "state", "transport"), "tests/pipeline/test_histories.py"),
+    "api": "tests/pipeline/api/test_pilewatch.py",
+    "archive": "tests/pipeline/archive/test_history.py",
+    "cli": "tests/pipeline/cli/test_commands.py",
+    "feeds": "tests/sensors/feeds/test_any_message.py",
+    "files": "tests/sensors/files/test_formats.py",
+    "offline": "tests/pipeline/cli/test_commands.py",
+    "report": "tests/pipeline/report/test_page.py",
+    "viewer": "tests/pipeline/viewer/test_viewer.py",
+}
 Change = tuple[int, int, int, str, str]  # line, first and last column, new text, what it is
+Executed = dict[str, Any]  # what tests.mutation.executed writes
 
 
 def changes_of(source: str) -> list[Change]:
@@ -189,6 +209,49 @@ def tests_of(place: str) -> list[str]:
     return ["tests/test_flow.py"]
 
 
+def executing(place: str, line: int, executed: Executed) -> list[str]:
+    """Return tests that execute the function around a line, the shortest first, while they fit.
+
+    A line outside of functions has the tests of all functions of its module.
+    """
+    function = _function_around(line, (ROOT / place).read_text(encoding="utf-8"))
+    tests: set[str] = set()
+    for name, modules_of_tests in executed["executing"].items():
+        if name == f"{place}::{function}" or (not function and name.startswith(f"{place}::")):
+            tests.update(modules_of_tests)
+    chosen, seconds = [], 0.0
+    for test in sorted(tests, key=lambda test: (executed["seconds"][test], test)):
+        seconds += executed["seconds"][test]
+        if seconds <= MOST_SECONDS and not SLOW & set(Path(test).parts):
+            chosen.append(test)
+    return chosen
+
+
+def of_the_room(place: str) -> list[str]:
+    """Return the test that passes most of a module's room."""
+    rooms = [WHOLE[part] for part in Path(place).parts[1:-1] if part in WHOLE]
+    return rooms[:1]
+
+
+def _function_around(line: int, source: str) -> str:
+    """Return a function's or method's qualified name, without those within it; "" outside."""
+    nodes, qualified = ast.parse(source).body, ""
+    while nodes:
+        around = [
+            node
+            for node in nodes
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+            and node.lineno <= line <= (node.end_lineno or 0)
+        ]
+        nodes = []
+        for node in around:
+            qualified += f".{node.name}" if qualified else node.name
+            if not isinstance(node, ast.ClassDef):
+                return qualified
+            nodes = node.body
+    return ""
+
+
 def _importing(places: list[str], folder: Path, pattern: str) -> list[str]:
     """Return the files of a folder that import one of some modules."""
     words = []
@@ -225,7 +288,9 @@ def _distance_from(place: str) -> Callable[[str], tuple[int, str]]:
     return distance
 
 
-def drawn(seed: int, number: int, without: Sequence[str] = ()) -> list[dict[str, Any]]:
+def drawn(
+    seed: int, number: int, without: Sequence[str] = (), executed: Executed | None = None
+) -> list[dict[str, Any]]:
     """Draw faults, each in a module of its own."""
     rng = np.random.default_rng(seed)
     files, found = modules(without), []
@@ -244,6 +309,8 @@ def drawn(seed: int, number: int, without: Sequence[str] = ()) -> list[dict[str,
             change = changes[rng.integers(len(changes))]
             old, new = _unique(source, change, texts)
             what = f"{place}:{change[0]} {change[4]}"
+            near = tests_of(place)
+            far = [*executing(place, change[0], executed), *of_the_room(place)] if executed else []
             found.append(
                 {
                     "place": place,
@@ -251,7 +318,7 @@ def drawn(seed: int, number: int, without: Sequence[str] = ()) -> list[dict[str,
                     "new": new,
                     "occurrence": None,
                     "what": what,
-                    "tests": tests_of(place),
+                    "tests": [*near, *(each for each in far if each not in near)],
                 }
             )
     return found
@@ -276,8 +343,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--faults", type=int, default=120)
     parser.add_argument("--without", nargs="*", default=[], help="lists whose modules are left out")
+    parser.add_argument("--executed", type=Path, help="which tests execute a function")
     options = parser.parse_args()
-    faults = drawn(options.seed, options.faults, options.without)
+    executed = options.executed and json.loads(options.executed.read_text(encoding="utf-8"))
+    faults = drawn(options.seed, options.faults, options.without, executed)
     json.dump(faults, sys.stdout, indent=1, ensure_ascii=False)
     sys.stdout.write("\n")
 

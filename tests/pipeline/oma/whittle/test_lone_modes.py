@@ -107,8 +107,8 @@ def test_lines_are_asked_of_no_mode_that_is_well_known() -> None:
 def test_a_vague_mode_is_fitted_alone_only_where_no_other_one_is_near(side: int) -> None:
     spectrum, vague = lines([TRUE_F], [SHAPE], seed=2), pole(TRUE_F, std=0.02)
     clear = ALONE_WIDTHS * TRUE_ZETA * TRUE_F + ALONE_LINES / spectrum.duration
-    near, far = (pole(TRUE_F + side * share * clear, std=0.001) for share in (0.9, 1.6))
+    near, far = (pole(TRUE_F + side * share * clear, std=0.001) for share in (0.9, 5.0))
     assert _worth_a_fit(vague, [], spectrum)
     assert _worth_a_fit(vague, [far], spectrum)
     assert not _worth_a_fit(vague, [far, near], spectrum)
-    assert not _worth_a_fit(pole(TRUE_F, std=1e-4), [far], spectrum)
+    assert not _worth_a_fit(pole(TRUE_F, std=1e-4), [], spectrum)
