@@ -39,14 +39,14 @@ class UnitInfo:
     start_ns: int  # first sample
     end_ns: int  # one sample after the last
     gaps: tuple[StreamGap, ...]  # between the first and the last block
-    layout_id: str  # of the first block
-    first_sample: int  # since the session's start
-    next_sample: int  # one after the last
-    first_sequence: int  # of the blocks
-    last_sequence: int
-    missing: tuple[tuple[int, int], ...]
+    layout_id: str = ""  # of the first block
+    first_sample: int = 0  # since the session's start
+    next_sample: int = 0  # one after the last
+    first_sequence: int = 0  # of the blocks
+    last_sequence: int = 0
+    missing: tuple[tuple[int, int], ...] = ()
     """Samples that each gap lacks: the first, and one after the last."""
-    in_order: bool
+    in_order: bool = True
     """Whether blocks were recorded in the order of their numbers."""
 
     @property
