@@ -75,7 +75,9 @@ def test_the_models_modes_stand_beside_the_published_ones_with_the_difference() 
             assert (published, difference) == ("", "")
         else:
             share = float(difference.removesuffix(" %")) / 100
-            assert float(published) * (1 + share) == pytest.approx(float(frequency), rel=1e-4, abs=1.5e-4)
+            assert float(published) * (1 + share) == pytest.approx(
+                float(frequency), rel=1e-4, abs=1.5e-4
+            )
 
 
 def test_a_structures_modes_have_their_blades_share_in_percent() -> None:

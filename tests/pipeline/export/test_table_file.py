@@ -1,5 +1,6 @@
 """Rows on their way into a file: so many are held at most."""
 
+import os
 from pathlib import Path
 
 import pyarrow as pa
@@ -25,12 +26,14 @@ def test_rows_are_written_in_groups_and_counted(
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet"])
-def test_a_file_that_is_closed_is_whole_while_its_table_is_still_there(
+def test_a_closed_file_is_whole_and_holds_no_descriptor_while_its_table_is_there(
     tmp_path: Path, form: Format
 ) -> None:
     path, schema = tmp_path / "t", pa.schema([("n", pa.int64())])
+    opened = os.listdir("/proc/self/fd")
     table = TableFile(path, schema, form)
     table.add_rows([(n,) for n in range(10)])
     table.close()
+    assert len(os.listdir("/proc/self/fd")) == len(opened)
     whole = csv.read_csv(path) if form == "csv" else parquet.read_table(path)
     assert whole["n"].to_pylist() == list(range(10))
