@@ -12,6 +12,7 @@
     python -m tests.mutation.draw --seed 20261201 --faults 80 --without fifth sixth
     python -m tests.mutation.draw --seed 20261217 --faults 60   (ninth)
     python -m tests.mutation.draw --seed 20261127 --faults 60   (tenth)
+    python -m tests.mutation.draw --seed 20261129 --faults 60 --executed FILE   (eleventh)
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it; and those that hold what is published and
@@ -49,6 +50,7 @@ EXCHANGED = {
     "min": "max", "max": "min", "any": "all", "all": "any", "minimum": "maximum",
     "maximum": "minimum", "mean": "sum", "floor": "ceil", "ceil": "floor", "cos": "sin",
     "sin": "cos", "argmin": "argmax", "argmax": "argmin", }  # fmt: skip
+LEAST_FIGURE = 1e-100  # less is added so that nothing is divided by 0
 ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 WITHOUT_EFFECT = {"strict", "no_wrap"}  # a guard against errors of the code; a terminal's lines
 MOST_TESTS = 4  # modules of tests that are run for a fault because they import its module
@@ -114,6 +116,8 @@ def _changes_at(node: ast.AST, lines: list[str]) -> Iterator[Change]:
         words = ("and", "or") if isinstance(node.op, ast.And) else ("or", "and")
         yield from _between(node.values[0], node.values[1], words, lines)
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        if 0 < node.value < LEAST_FIGURE:
+            return
         new = node.value + 1 if isinstance(node.value, int) else node.value * 1.25 or 0.25
         yield _replaced(node, repr(new), f"{node.value} is {new}")
     elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
