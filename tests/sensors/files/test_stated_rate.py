@@ -62,7 +62,7 @@ STEADY, STILL = StampedTime(True, 10.0, 0.001), StampedTime(False, 20.0, 0.001)
         (20.0, STEADY, f"runs at 20 Hz by its own time, not at the 10 Hz given; {FOLLOWED}"),
         (None, STILL, f"and have 20 samples a second on the whole; {COUNTED}"),
         (None, StampedTime(False, 10.01, 0.0011), ""),
-        (None, StampedTime(False, 10.01, 0.0009), f"10.01 samples a second on the whole; {COUNTED}"),
+        (None, StampedTime(False, 10.01, 0.0009), f" samples a second on the whole; {COUNTED}"),
         (None, StampedTime(False, 9.99, 0.0009), COUNTED),
         (None, StampedTime(False, None, 0.0), ""),
     ],
