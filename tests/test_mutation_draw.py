@@ -65,6 +65,13 @@ def test_a_fault_is_held_by_the_tests_that_execute_its_function_the_shortest_fir
     assert executing("pipeline/state/health.py", 1, executed) == []
 
 
+def test_a_constant_is_held_by_the_tests_of_what_imports_it() -> None:
+    calls = {"sensors/files/table.py::in_standard_unit": ["tests/a.py"]}
+    assert "sensors.constants" in (ROOT / "sensors/files/table.py").read_text(encoding="utf-8")
+    executed = {"seconds": {"tests/a.py": 1.0}, "executing": calls}
+    assert executing("sensors/constants.py", 3, executed) == ["tests/a.py"]
+
+
 def test_a_module_of_the_library_is_held_by_tests_that_import_the_library() -> None:
     assert nearest_tests("pipeline/api/pilewatch/structure.py") == [
         "tests/pipeline/api/test_pilewatch.py"

@@ -203,12 +203,7 @@ def tests_of(place: str) -> list[str]:
         near = sorted(_importing(named, ROOT / "tests", "test_*.py"), key=_distance_from(place))
         if near:
             return [*near[:MOST_TESTS], *(each for each in wide if each not in near[:MOST_TESTS])]
-        named = [
-            each
-            for top in ("sensors", "pipeline")
-            for each in _importing(named, ROOT / top, "*.py")
-            if each not in seen
-        ]
+        named = [each for each in _product_modules_importing(named) if each not in seen]
         seen |= set(named)
     return ["tests/test_flow.py"]
 
@@ -216,19 +211,29 @@ def tests_of(place: str) -> list[str]:
 def executing(place: str, line: int, executed: Executed) -> list[str]:
     """Return tests that execute the function around a line, the shortest first, while they fit.
 
-    A line outside of functions has the tests of all functions of its module.
+    A line outside of functions has the tests of all functions of its module, and where none is
+    executed, as in a module of constants, of the modules that import it.
     """
     function = _function_around(line, (ROOT / place).read_text(encoding="utf-8"))
-    tests: set[str] = set()
-    for name, modules_of_tests in executed["executing"].items():
-        if name == f"{place}::{function}" or (not function and name.startswith(f"{place}::")):
-            tests.update(modules_of_tests)
+    tests = _executing_any(f"{place}::{function}", executed, whole=bool(function))
+    for importing in () if tests else _product_modules_importing([place]):
+        tests |= _executing_any(f"{importing}::", executed)
     chosen, seconds = [], 0.0
     for test in sorted(tests, key=lambda test: (executed["seconds"][test], test)):
         seconds += executed["seconds"][test]
         if seconds <= MOST_SECONDS and not SLOW & set(Path(test).parts):
             chosen.append(test)
     return chosen
+
+
+def _executing_any(name: str, executed: Executed, *, whole: bool = False) -> set[str]:
+    """Tests that execute a function of that whole name, or one whose name begins so."""
+    return {
+        test
+        for function, tests in executed["executing"].items()
+        if (function == name if whole else function.startswith(name))
+        for test in tests
+    }
 
 
 def of_the_room(place: str) -> list[str]:
@@ -254,6 +259,11 @@ def _function_around(line: int, source: str) -> str:
                 return qualified
             nodes = node.body
     return ""
+
+
+def _product_modules_importing(places: list[str]) -> list[str]:
+    tops = ("sensors", "pipeline")
+    return [each for top in tops for each in _importing(places, ROOT / top, "*.py")]
 
 
 def _importing(places: list[str], folder: Path, pattern: str) -> list[str]:
