@@ -78,6 +78,10 @@ def test_a_module_of_the_library_is_held_by_tests_that_import_the_library() -> N
     ]
 
 
+def test_a_module_that_tests_run_by_its_name_is_held_by_the_test_of_that_name() -> None:
+    assert "tests/pipeline/archive/test_worker.py" in nearest_tests("pipeline/archive/worker.py")
+
+
 def test_every_listed_fault_has_one_place_and_tests_that_are_there() -> None:
     modules = [file for top in ("sensors", "pipeline") for file in (ROOT / top).rglob("*.py")]
     text = "\0".join(file.read_text(encoding="utf-8") for file in modules)

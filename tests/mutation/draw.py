@@ -192,9 +192,14 @@ def modules(without: Sequence[str]) -> list[Path]:
 
 
 def tests_of(place: str) -> list[str]:
-    """Return tests that import a module, else those that import what imports it, nearest first."""
-    wide = []
-    if PUBLISHING & set(Path(place).parts) or "settings" in Path(place).stem:
+    """Return tests that import a module, else those that import what imports it, nearest first.
+
+    The one that has its name is among them, imported or not.
+    """
+    path = Path(place)
+    own = Path("tests") / path.parent / f"test_{path.name}"
+    wide = [str(own)] if (ROOT / own).exists() else []
+    if PUBLISHING & set(path.parts) or "settings" in path.stem:
         wide.append(PUBLISHED)
     if "__post_init__" in (ROOT / place).read_text(encoding="utf-8"):
         wide.append(KEYS)
