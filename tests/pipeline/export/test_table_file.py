@@ -37,3 +37,15 @@ def test_a_closed_file_is_whole_and_holds_no_descriptor_while_its_table_is_there
     assert len(os.listdir("/proc/self/fd")) == len(opened)
     whole = csv.read_csv(path) if form == "csv" else parquet.read_table(path)
     assert whole["n"].to_pylist() == list(range(10))
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_an_unfinished_file_that_is_removed_leaves_nothing_open(
+    tmp_path: Path, form: Format
+) -> None:
+    opened = os.listdir("/proc/self/fd")
+    table = TableFile(tmp_path / "t", pa.schema([("n", pa.int64())]), form)
+    table.add_rows([(1,)])
+    table.remove()
+    assert len(os.listdir("/proc/self/fd")) == len(opened)
+    assert list(tmp_path.iterdir()) == []
