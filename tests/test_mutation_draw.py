@@ -49,6 +49,11 @@ def test_what_keeps_a_division_by_zero_from_happening_is_left_as_it_is() -> None
     ]
 
 
+def test_what_is_logged_is_left_as_it_is() -> None:
+    lines = ('logger.warning("%d", 1 + 2)', '_log.info("%d", 2)', 'log_once(f"{1 + 2}")')
+    assert [changes_of(line) for line in lines] == [[], [], []]
+
+
 def test_a_fault_is_held_by_the_tests_that_execute_its_function_the_shortest_first() -> None:
     place = "pipeline/state/phrases.py"
     lines = (ROOT / place).read_text(encoding="utf-8").splitlines()

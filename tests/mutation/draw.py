@@ -74,6 +74,7 @@ WHOLE = {  # a test that passes most of a room, of ten seconds at most
     "report": "tests/pipeline/report/test_page.py",
     "viewer": "tests/pipeline/viewer/test_viewer.py",
 }
+_LOGGING = re.compile(r"(?:_log|_LOG|logger)\.|log_once\(")
 Change = tuple[int, int, int, str, str]  # line, first and last column, new text, what it is
 Executed = dict[str, Any]  # what tests.mutation.executed writes
 
@@ -84,7 +85,7 @@ def changes_of(source: str) -> list[Change]:
     found = []
     for node in _outside_of_texts(ast.parse(source)):
         for line, start, end, new, what in _changes_at(node, lines):
-            if "->" not in lines[line - 1][start:end] and "_LOG" not in lines[line - 1]:
+            if "->" not in lines[line - 1][start:end] and not _LOGGING.search(lines[line - 1]):
                 found.append((line, start, end, new, what))
     return sorted(set(found))
 
@@ -99,7 +100,7 @@ def _outside_of_texts(node: ast.AST) -> Iterator[ast.AST]:
         for child in value if isinstance(value, list) else [value]:
             if not isinstance(child, ast.AST) or isinstance(child, ast.JoinedStr | ast.Raise):
                 continue
-            if isinstance(child, ast.Call) and ast.unparse(child.func).lower().startswith("_log"):
+            if isinstance(child, ast.Call) and _LOGGING.match(f"{ast.unparse(child.func)}("):
                 continue
             yield child
             yield from _outside_of_texts(child)
