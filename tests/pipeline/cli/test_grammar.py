@@ -124,7 +124,6 @@ def test_what_a_command_finds_is_json(
     [
         ("simulate --list", ["parked", "bad-sensors", "tide"]),
         ("simulate --describe parked", ["[simulation]", "seed"]),
-        ("simulate parked --duration 5 -o five.mcap", ["five.mcap", "MB"]),
         ("info short.mcap", ["AccelerationBlock", "tower", "240"]),
         ("salvage short.mcap -o again.mcap", ["again.mcap: ", "chunks"]),
         ("export short.mcap --csv", [".csv", "rows"]),
