@@ -58,6 +58,13 @@ def test_a_leap_that_others_contradict_is_counted_once_each() -> None:
     assert "far ahead" in counts.refusal
 
 
+def test_as_many_leaps_as_would_do_are_not_believed_where_they_contradict_each_other() -> None:
+    wild = [3 * LEAP * (1 + number) for number in range(AGREEING_REPORTS + 1)]
+    taken, counts = given(0, 1, 2, *wild, 3)
+    assert taken == [0, 1, 2, 3]
+    assert counts.malformed == len(wild)
+
+
 def test_a_first_stamp_that_was_wrong_gives_way_to_reports_that_agree() -> None:
     """Only a time that few reports have shown may turn out wrong itself."""
     right = [float(second) for second in range(AGREEING_REPORTS)]
