@@ -11,6 +11,7 @@ from pipeline.oma.band_merging import (
     between,
     harmonic,
     merged,
+    not_listed,
     told_apart,
     unstable,
     unsteady,
@@ -222,6 +223,7 @@ def concluded(
     found = told_apart([*by_lines.modes, *pairs], len(steady) / sampling_rate)
     reasons = [*by_lines.refused, *found.refused, *map(harmonic, judged.harmonics)]
     reasons += unstable(by_band, found.modes, reasons)
+    reasons += not_listed(by_lines.unseen, [*found.modes, *reasons])
     structural = without_sea_humps(found.modes, steady, sampling_rate, integrations)
     return Identification(
         structural.modes,
@@ -251,8 +253,8 @@ def _fitted(
     by_lines = sharpened(founded.modes, founded.refused, judged.doubtful, spectrum, settings)
     if by_lines.too_dense:
         return by_lines
-    modes = with_unseen(by_lines.modes, judged.harmonics, spectrum, settings, reach=reach)
-    return Sharpened(tuple(modes), by_lines.refused)
+    modes, unseen = with_unseen(by_lines.modes, judged.harmonics, spectrum, settings, reach=reach)
+    return Sharpened(tuple(modes), by_lines.refused, unseen=tuple(unseen))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
