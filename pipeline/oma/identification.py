@@ -59,6 +59,8 @@ MOST_FITTED_CHANNELS = 20  # the noise of n channels has n (n + 1) / 2 parameter
 # of eight modes two of which are near took 9, 28, 58, 227 s of CPU with 8, 16, 20, 32 channels, and
 # beyond two minutes it is given up; with more channels the poles stand as they are
 
+LEAST_OF_STRUCTURES = 0.0005  # ζ with its std; bare steel in a laboratory has .001 [-]
+
 TWINS_PLACE = 0.01  # twins this near to a mode that was found are reported by it, relative
 
 
@@ -225,9 +227,14 @@ def concluded(
     reasons += unstable(by_band, found.modes, reasons)
     reasons += not_listed(by_lines.unseen, [*found.modes, *reasons])
     structural = without_sea_humps(found.modes, steady, sampling_rate, integrations)
+    narrower = [
+        _narrower_than_any(mode)
+        for mode in structural.modes
+        if mode.damping_ratio + mode.damping_ratio_std < LEAST_OF_STRUCTURES
+    ]
     return Identification(
         structural.modes,
-        (*warnings, *structural.warnings),
+        (*warnings, *narrower, *structural.warnings),
         diagrams=tuple(band.poles for band in by_band),
         refused=tuple(sorted([*reasons, *structural.refused], key=lambda each: each.frequency)),
     )
@@ -338,6 +345,14 @@ def _steady_amplitude(mode: Mode) -> QualityWarning:
         "harmonic",
         f"what shakes at {mode.frequency:.4g} Hz keeps its amplitude: a machine's harmonic, "
         "not taken for a mode",
+    )
+
+
+def _narrower_than_any(mode: Mode) -> QualityWarning:
+    return QualityWarning(
+        "harmonic",
+        f"what shakes at {mode.frequency:.4g} Hz is damped by {100 * mode.damping_ratio:.2g} %, "
+        "less than any structure: perhaps a machine's tone whose speed drifts",
     )
 
 
