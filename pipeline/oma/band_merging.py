@@ -284,6 +284,21 @@ def unstable(
     return sorted((each for _, each in kept), key=lambda each: each.frequency)
 
 
+def not_listed(
+    refused: Sequence[RefusedMode], listed: Sequence[Mode | RefusedMode]
+) -> list[RefusedMode]:
+    """Those of the refused ones that stand in no column of what is listed, and each place once."""
+    found: list[RefusedMode] = []
+    for each in refused:
+        if not _any_within(DIAGRAM_COLUMN, each, listed) and not _any_within(COVERED, each, found):
+            found.append(each)
+    return found
+
+
+def _any_within(apart: float, refused: RefusedMode, others: Sequence[Mode | RefusedMode]) -> bool:
+    return any(abs(other.frequency / refused.frequency - 1) <= apart for other in others)
+
+
 def _columns(band: BandIdentification, named: FloatArray) -> list[tuple[float, RefusedMode]]:
     """Share of the orders, and what stands there."""
     poles = band.poles

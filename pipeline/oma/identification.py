@@ -11,6 +11,7 @@ from pipeline.oma.band_merging import (
     between,
     harmonic,
     merged,
+    not_listed,
     told_apart,
     unstable,
     unsteady,
@@ -57,6 +58,8 @@ MODERATE_SHARE = 0.75  # of the half bandwidth: what f and ζ are known to, wher
 MOST_FITTED_CHANNELS = 20  # the noise of n channels has n (n + 1) / 2 parameters in a fit: a window
 # of eight modes two of which are near took 9, 28, 58, 227 s of CPU with 8, 16, 20, 32 channels, and
 # beyond two minutes it is given up; with more channels the poles stand as they are
+
+LEAST_OF_STRUCTURES = 0.0005  # ζ with its std; bare steel in a laboratory has .001 [-]
 
 TWINS_PLACE = 0.01  # twins this near to a mode that was found are reported by it, relative
 
@@ -222,10 +225,16 @@ def concluded(
     found = told_apart([*by_lines.modes, *pairs], len(steady) / sampling_rate)
     reasons = [*by_lines.refused, *found.refused, *map(harmonic, judged.harmonics)]
     reasons += unstable(by_band, found.modes, reasons)
+    reasons += not_listed(by_lines.unseen, [*found.modes, *reasons])
     structural = without_sea_humps(found.modes, steady, sampling_rate, integrations)
+    narrower = [
+        _narrower_than_any(mode)
+        for mode in structural.modes
+        if mode.damping_ratio + mode.damping_ratio_std < LEAST_OF_STRUCTURES
+    ]
     return Identification(
         structural.modes,
-        (*warnings, *structural.warnings),
+        (*warnings, *narrower, *structural.warnings),
         diagrams=tuple(band.poles for band in by_band),
         refused=tuple(sorted([*reasons, *structural.refused], key=lambda each: each.frequency)),
     )
@@ -251,8 +260,8 @@ def _fitted(
     by_lines = sharpened(founded.modes, founded.refused, judged.doubtful, spectrum, settings)
     if by_lines.too_dense:
         return by_lines
-    modes = with_unseen(by_lines.modes, judged.harmonics, spectrum, settings, reach=reach)
-    return Sharpened(tuple(modes), by_lines.refused)
+    modes, unseen = with_unseen(by_lines.modes, judged.harmonics, spectrum, settings, reach=reach)
+    return Sharpened(tuple(modes), by_lines.refused, unseen=tuple(unseen))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -336,6 +345,14 @@ def _steady_amplitude(mode: Mode) -> QualityWarning:
         "harmonic",
         f"what shakes at {mode.frequency:.4g} Hz keeps its amplitude: a machine's harmonic, "
         "not taken for a mode",
+    )
+
+
+def _narrower_than_any(mode: Mode) -> QualityWarning:
+    return QualityWarning(
+        "harmonic",
+        f"what shakes at {mode.frequency:.4g} Hz is damped by {100 * mode.damping_ratio:.2g} %, "
+        "less than any structure: perhaps a machine's tone whose speed drifts",
     )
 
 

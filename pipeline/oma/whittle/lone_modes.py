@@ -89,6 +89,8 @@ class Sharpened:
     refused: tuple[RefusedMode, ...]
     too_dense: bool = False
     """Whether modes stand too densely for the model of a band."""
+    unseen: tuple[RefusedMode, ...] = ()
+    """What stands out of the lines, no pole shows, and is not believed; the clearest first."""
 
 
 def sharpened(

@@ -1,7 +1,8 @@
 """Modes that no pole shows: what stands out of the lines, or beside a mode that hides it.
 
 Each is fitted with what surrounds it and believed where the lines hold strong evidence of it, know
-it, and leave next to nothing to explain.
+it, and leave next to nothing to explain. What they hold strong evidence of and is not believed is
+refused with its reason.
 
 Where two modes are nearer than the window resolves, the two poles of a model order mix their shapes
 in complex ones, another mixture in every order, and each is refused for itself. The lines show the
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.messages import Mode
+from pipeline.messages import Mode, RefusedMode
 from pipeline.modal_assurance import mac
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.fit import WhittleFit, modes_of_fit
@@ -48,6 +49,7 @@ STANDS_OUT_UNSEEN = 1.8  # power over flank across the shapes of what is known t
 REACHES_WIDTHS = 3.0  # half bandwidths that a known mode reaches into a stretch of lines
 FLANK_REACH = 10.0  # half bandwidths of a known mode within which a peak of its shape is its flank
 LEAST_GAIN = 40.0  # of a peak; the highest of noise has 30 [nats]
+PEAK_WIDTHS = 1.5  # half bandwidths of a peak to either side (`peaks_and_flanks`)
 WIDTHS_BETWEEN_PEAKS = 2.0  # half bandwidths of the wider one between two peaks
 RESONANCE_WIDTH = (
     1.5  # half bandwidth of a resonance by its lines; a steady harmonic has less [lines]
@@ -251,8 +253,9 @@ def with_unseen(
     settings: OmaSettings,
     *,
     reach: tuple[float, float],
-) -> list[Mode]:
-    """The modes, and those that stand out of the lines where no pole shows one.
+) -> tuple[list[Mode], list[RefusedMode]]:
+    """The modes with those that stand out of the lines where no pole shows one; what stands out and
+    is not believed, the clearest first.
 
     Parameters
     ----------
@@ -266,6 +269,7 @@ def with_unseen(
         Lowest and highest frequency at which they are sought [Hz].
     """
     result = list(modes)
+    refused: list[RefusedMode] = []
     known = [_known_peak(each, spectrum) for each in (*modes, *harmonics)]
     failures = 0
     for peak in unseen_peaks(spectrum, known, *reach)[:MOST_UNSEEN]:
@@ -273,27 +277,32 @@ def with_unseen(
             break
         start = _at_peak(peak, spectrum)
         found = _believed(start, [*result, *harmonics], spectrum, settings)
-        if found and stands_out(found[0], result, spectrum):
-            result.append(found[0])
-        else:
-            failures += 1
-    return sorted(result, key=lambda each: each.frequency)
+        if isinstance(found, list):
+            if (reason := _why_not_standing_out(found[0], result, spectrum)) is None:
+                result.append(found[0])
+                continue
+            found = reason
+        failures += 1
+        if found and abs(found.frequency - peak.frequency) <= PEAK_WIDTHS * peak.half_bandwidth:
+            refused.append(found)  # a fit that leaves its peak is of something else
+    return sorted(result, key=lambda each: each.frequency), refused
 
 
 def _believed(
     start: Mode, others: Sequence[Mode], spectrum: WindowSpectrum, settings: OmaSettings
-) -> list[Mode]:
-    """A mode that no pole shows and its neighbours, in the lines that its own width asks for.
+) -> list[Mode] | RefusedMode | None:
+    """A mode that no pole shows and its neighbours, in the lines that its own width asks for; why
+    it is not believed, if they hold strong evidence of it.
 
     A peak may be sought ten times as wide as the mode behind it: the bins of its band are then too
     coarse for the resonance, and the band reaches over whatever lies there.
     """
     around = around_mode(start, others, spectrum)
-    found = [] if around is None else _by_evidence(around, settings)
-    if not found or _as_wide(found[0], start):
+    found = None if around is None else _by_evidence(around, settings)
+    if not isinstance(found, list) or _as_wide(found[0], start):
         return found
     around = around_mode(found[0], others, spectrum)
-    return [] if around is None else _by_evidence(around, settings)
+    return None if around is None else _by_evidence(around, settings)
 
 
 def _as_wide(mode: Mode, start: Mode) -> bool:
@@ -302,24 +311,51 @@ def _as_wide(mode: Mode, start: Mode) -> bool:
     return 1 / MOST_OFF_WIDTH <= ratio <= MOST_OFF_WIDTH
 
 
-def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode]:
-    """A mode that no pole shows and its neighbours as one fit has them; none where the lines hold
-    no strong evidence of it or do not know it."""
+def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode] | RefusedMode | None:
+    """A mode that no pole shows and its neighbours as one fit has them; why not, where the lines
+    do not know it; None where they hold no strong evidence of it."""
     fit = around.fitted()
+    if not around.evidence_of_first(fit) > EVIDENCE_OF_UNSEEN:
+        return None
     modes = modes_of_fit(fit, around.band)
-    mode = modes[0]
+    why = _why_not_known(modes[0], fit, around, settings)
+    return modes if why is None else _refused(modes[0], why)
+
+
+def _why_not_known(
+    mode: Mode, fit: WhittleFit, around: AroundMode, settings: OmaSettings
+) -> str | None:
+    """Why the lines do not know the first mode of a fit."""
     width = mode.half_bandwidth * around.band.duration
-    known = (
-        fit.converged
-        and width >= RESONANCE_WIDTH
-        and mode.damping_ratio + mode.damping_ratio_std < settings.maximum_damping
-        and mode.frequency_std < settings.maximum_frequency_std * mode.frequency
-        and mode.shape_std.max() <= VAGUEST_UNSEEN
-        and bandwidth_share(mode) <= UNSEEN_SHARE
+    share, shape_std = bandwidth_share(mode), float(mode.shape_std.max())
+    left = left_near_first(fit, around.band)
+    if not (
+        mode.damping_ratio + mode.damping_ratio_std < settings.maximum_damping
         and LEAST_COLOUR <= fit.modes.colours[0] <= MOST_COLOUR
-        and left_near_first(fit, around.band) <= LEFT_BY_NEIGHBOURS
-    )
-    return modes if known and around.evidence_of_first(fit) > EVIDENCE_OF_UNSEEN else []
+    ):
+        return "its fit is as wide or as steep as a slope of the background"
+    if not left <= LEFT_BY_NEIGHBOURS:
+        return (
+            f"what a fit of one mode leaves there is not noise ({left:.0f} nats, "
+            f"{LEFT_BY_NEIGHBOURS:g} is the most): perhaps two, or channels out of phase"
+        )
+    if not width >= RESONANCE_WIDTH:
+        return (
+            f"its half bandwidth is {width:.2g} lines, {RESONANCE_WIDTH:g} is the least: perhaps a "
+            "tone"
+        )
+    if not fit.converged:
+        return "a fit of one mode does not converge there: perhaps two, or a tone"
+    if not (
+        mode.frequency_std < settings.maximum_frequency_std * mode.frequency
+        and shape_std <= VAGUEST_UNSEEN
+        and share <= UNSEEN_SHARE
+    ):
+        return (
+            f"f and ζ are known to {share:.2g} of the half bandwidth and its shape to "
+            f"{shape_std:.2g}: too badly"
+        )
+    return None
 
 
 def _known_peak(mode: Mode, spectrum: WindowSpectrum) -> KnownPeak:
@@ -366,7 +402,7 @@ def hidden_beside(
         return None
     known = [first_mode(fit, of_mode.band), *others]
     found = _believed(hidden_by_first(of_mode, fit), known, spectrum, settings)
-    if not found or over_bound(found[0], spectrum) > STANDS_OUT:
+    if not isinstance(found, list) or over_bound(found[0], spectrum) > STANDS_OUT:
         return None
     shared = any(_alike_within(NEAR_WIDTHS, found[0], each) for each in found[1:])
     return None if shared else found[0]
@@ -388,6 +424,26 @@ def stands_out(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) -> 
     """Whether a mode of the lines explains what no other mode's flank does."""
     flank = any(_alike_within(FLANK_WIDTHS, mode, each) for each in others)
     return not flank and over_bound(mode, spectrum) <= STANDS_OUT
+
+
+def _why_not_standing_out(
+    mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum
+) -> RefusedMode | None:
+    """Why a mode of the lines, which hold strong evidence of it, is no mode all the same."""
+    if stands_out(mode, others, spectrum):
+        return None
+    why = "it has the shape of a mode beside it: perhaps its flank"
+    if (ratio := over_bound(mode, spectrum)) > STANDS_OUT:
+        why = (
+            f"its frequency std is {ratio:.2g} times the attainable bound, {STANDS_OUT:g} is the "
+            "most: perhaps a flank"
+        )
+    return _refused(mode, why)
+
+
+def _refused(mode: Mode, why: str) -> RefusedMode:
+    text = f"lines show a resonance of {100 * mode.damping_ratio:.2g} % that no pole shows, but "
+    return mode.refused("uncertain", text + why)
 
 
 def _alike_within(half_bandwidths: float, mode: Mode, other: Mode) -> bool:

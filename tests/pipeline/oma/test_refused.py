@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from pipeline.messages import Mode, RefusedMode
-from pipeline.oma import band_merging
+from pipeline.oma import band_merging, identification
 from pipeline.oma.identification import identify, why_refused
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.ssi.stabilization import PoleCloud
 from tests.benchmarks.close_modes import pair
+from tests.pipeline.oma.conftest import KnownStructure
 
 
 def test_columns_of_poles_are_modes_or_refused_with_a_reason() -> None:
@@ -51,6 +52,20 @@ def test_a_column_that_two_bands_see_is_named_once_by_the_band_with_more_of_its_
     monkeypatch.setattr(band_merging, "_columns", lambda band, _: columns[band])
     found = band_merging.unstable(["fast", "slow"], (), ())
     assert [(each.frequency, each.text) for each in found] == [(1.001, "slow"), (3.0, "fast")]
+
+
+def test_what_the_lines_alone_show_is_listed_where_nothing_else_is(
+    two_mass_system: KnownStructure, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    samples = two_mass_system.ambient_response(sampling_rate=10.0, duration=200.0, seed=9)
+    before = identify(samples, 10.0)
+    places = [before.modes[0].frequency, before.refused[0].frequency, 4.0, 4.01, 2.0]
+    unseen = [RefusedMode(place, 0.01, "uncertain", "") for place in places]
+    monkeypatch.setattr(identification, "with_unseen", lambda modes, *_, **__: (modes, unseen))
+    after = identify(samples, 10.0)
+    expected = sorted([*before.refused, unseen[2], unseen[4]], key=lambda each: each.frequency)
+    assert list(after.refused) == expected
+    assert [each.frequency for each in after.modes] == [each.frequency for each in before.modes]
 
 
 @pytest.mark.parametrize(("half_bandwidths", "code"), [(2.5, None), (3.5, "mixture")])

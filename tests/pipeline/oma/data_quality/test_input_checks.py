@@ -1,6 +1,7 @@
 """Each way in which a record may be unfit has its name, and is mended, warned of or rejected."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,6 +140,20 @@ def test_only_what_is_surely_hardly_damped_may_be_a_harmonic(
     """The first two were sines in 120 s of noise, the third a mode of 1 % at 0.16 Hz in 120 s."""
     found = Mode("", 0.16, 1e-4, damping, std, np.ones(2), np.zeros((4, 1)), 1)
     assert hardly_damped(found) == harmonic
+
+
+def test_what_is_damped_less_than_any_structure_stays_with_a_warning(
+    two_mass_system: KnownStructure,
+) -> None:
+    """A line that is not steady: a machine whose speed drifts looks like this."""
+    damping = np.array([0.01, 0.0003])
+    narrow = replace(two_mass_system, frequencies=np.array([1.2, 4.0]), damping_ratios=damping)
+    samples = narrow.ambient_response(sampling_rate=10.0, duration=600.0, seed=0)
+    result = identify(samples, 10.0)
+    assert [each.frequency for each in result.modes] == pytest.approx([1.2, 4.0], rel=0.01)
+    (warning,) = result.warnings
+    assert warning.code == "harmonic"
+    assert warning.text.startswith("what shakes at 4 Hz is damped by 0.03 %, less than any")
 
 
 def test_a_gap_in_the_stamps_is_rejected_with_its_length_and_place() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.messages import Mode
+from pipeline.messages import Mode, RefusedMode
 from pipeline.oma.settings import HIGHEST_RELATIVE, OmaSettings
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from pipeline.oma.whittle.neighbours import around_mode, first_mode
@@ -23,10 +23,17 @@ def window(seed: int) -> FloatArray:
     return ambient(FREQUENCY * one, DAMPING * one, SHAPE[None], RATE, one, 0.1, generator)
 
 
-def found(samples: FloatArray) -> list[Mode]:
+def found_and_refused(samples: FloatArray) -> tuple[list[Mode], list[RefusedMode]]:
     """All that the lines show."""
     reach = (0.1, HIGHEST_RELATIVE * RATE)
     return with_unseen([], [], WindowSpectrum(samples, RATE), OmaSettings(), reach=reach)
+
+
+def found(samples: FloatArray) -> list[Mode]:
+    """Nothing that is found is refused, too."""
+    modes, refused = found_and_refused(samples)
+    assert not refused
+    return modes
 
 
 def fitted_from_truth(samples: FloatArray) -> Mode:
@@ -61,3 +68,23 @@ def test_what_lies_above_the_frequencies_that_are_sought_moves_no_mode() -> None
     (filtered,) = found(np.fft.irfft(lines, len(samples), axis=0))
     assert filtered.frequency == pytest.approx(mode.frequency, abs=1e-4 * mode.frequency_std)
     assert filtered.damping_ratio == pytest.approx(mode.damping_ratio, rel=1e-5)
+
+
+def test_two_modes_that_stand_out_as_one_are_refused_with_the_reason() -> None:
+    pair = np.array([FREQUENCY, 1.006 * FREQUENCY])
+    shapes = np.array([SHAPE, [0.5, -0.8, 0.9]])
+    generator = np.random.default_rng(2)
+    samples = ambient(pair, np.full(2, DAMPING), shapes, RATE, np.ones(2), 0.1, generator)
+    modes, refused = found_and_refused(samples)
+    assert not modes
+    (both,) = refused
+    assert pair[0] < both.frequency < pair[1]
+    assert both.damping_ratio == pytest.approx(DAMPING, rel=0.5)
+    assert both.code == "uncertain"
+    assert "one mode leaves there is not noise" in both.text
+    assert both.text.endswith("50 is the most): perhaps two, or channels out of phase")
+
+
+def test_noise_is_refused_nowhere() -> None:
+    samples = np.random.default_rng(3).standard_normal((6000, 3))
+    assert found_and_refused(samples) == ([], [])
