@@ -23,7 +23,7 @@ BEGIN, END = (
 )
 README, PAGE = ROOT / "README.md", ROOT / "docs" / "pages" / "accuracy.md"
 LEGEND = (
-    "* the code is newer than the measurement. Results, with seeds, commit and machine: "
+    "\\* the code is newer than the measurement. Results, with seeds, commit and machine: "
     "`tests/benchmarks/results`."
 )
 
