@@ -111,7 +111,8 @@ WORDING = {
     ),
     ("RecordingSettings", "keep_days"): "Age from which samples are deleted; results stay [days].",
     ("RecordingSettings", "keep_gigabytes"): (
-        "Size of all files above which the oldest samples are deleted [10⁹ bytes]."
+        "Size of all parts with samples, of earlier sessions in the folder too, above which the "
+        "oldest samples are deleted [10⁹ bytes]."
     ),
     ("RecordingSettings", "free_megabytes"): "Space that stays free on the disk [10⁶ bytes].",
     ("LimitSettings", "channels"): (
@@ -133,6 +134,30 @@ WORDING = {
     ),
     ("PayloadMapping", "names"): (
         "Channels of an array: their names in its order, or the path of them in the message."
+    ),
+    ("PayloadMapping", "time"): (
+        "Paths of a row's time. Without this key a time named `ts` is found as well, which is not "
+        "read without a mapping."
+    ),
+    ("PayloadMapping", "earliest"): (
+        "A lower number counts from the message's arrival [s], which is no time: the message is "
+        "refused. SenML: `earliest = 268435456.0`, below which `-5` is five seconds ago."
+    ),
+    ("PayloadMapping", "name_base"): (
+        'Paths of what stands before each name: `name_base = "device"` makes `acc` of '
+        '`{"device": "t1/", "acc": 0.1}` the channel `t1/acc`.'
+    ),
+    ("PayloadMapping", "sequence_of"): (
+        "Paths of what the numbers of `sequence` belong to, beside the topic, where several "
+        'senders count on one topic: `sequence_of = "^properties.loggerID"`.'
+    ),
+    ("PayloadMapping", "carry"): (
+        "Keys of a row that hold for the rows behind it too, as the base values of SenML: "
+        '`carry = ["bn", "bt"]`.'
+    ),
+    ("LayoutFile", "layout_id"): (
+        "Name of the layout, in every message, one of each unit; absent: turbine and unit, joined "
+        "by a hyphen (`t1-tower`)."
     ),
     ("PayloadMapping", "rename"): (
         'Names of the message and of the layout, where they differ: `{beschl_x = "ax"}`.'
@@ -210,7 +235,8 @@ def keys_of(settings: Any, title: str, introduction: str, top: str = "Top of the
             meaning = sentence(WORDING.get((kind.__name__, each.name), meanings.get(each.name, "")))
             shown = PATHS if each.type is Paths else value_name(hints[each.name])
             shown = TABLES.get((kind.__name__, each.name), shown)
-            lines.append(f"| `{each.name}` | {shown} | {_default(each)} | {meaning} |")
+            default = DEFAULTS.get((kind.__name__, each.name)) or _default(each)
+            lines.append(f"| `{each.name}` | {shown} | {default} | {meaning} |")
         lines.append("")
     return "\n".join(lines)
 
@@ -312,6 +338,7 @@ def toml_value(value: object) -> str:
     return f"`{json.dumps(value, ensure_ascii=False)}`"
 
 
+DEFAULTS = {("LayoutFile", "layout_id"): "absent"}  # the reader of the file makes one
 WORDS = {str: "text", float: "number", int: "whole number", bool: "`true` or `false`"}
 PLURALS = {str: "texts", float: "numbers", int: "whole numbers"}
 PATHS = "path, or list of paths"  # of a mapping
@@ -349,6 +376,12 @@ OTHER_MEANINGS = {
     "sensor_heading": ("deg", "heading of each sensor's axes"),
     "sensor_height": ("m", "height of each sensor"),
 }
+ORIGINS = {  # where the code's words leave open what is meant
+    "rna_height": (
+        "drawings; 1 % of 5 m, the height of the centre above the tower's top: engineering "
+        "judgement"
+    ),
+}
 ALTERNATIVES = (
     ("flooding", "whether the monopile is flooded"),
     ("blade_model", "mesh of blades"),
@@ -358,7 +391,7 @@ ALTERNATIVES = (
 
 def structure_keys() -> str:
     """The figures of [structure.uncertain] with their defaults."""
-    rows = [(f.name, f.std, f.unit, f.title, f.source) for f in FIGURES]
+    rows = [(f.name, f.std, f.unit, f.title, ORIGINS.get(f.name, f.source)) for f in FIGURES]
     rows += [(name, std, *OTHER_MEANINGS[name], "") for name, std in OTHERS.items()]
     lines = [f"| `{n}` | {s:g} | {u} | {m} | {source} |" for n, s, u, m, source in rows]
     lines += [f'| `{name}` | both | | {text}; only `"exact"` | |' for name, text in ALTERNATIVES]
