@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.benchmarks import figures
 from tests.benchmarks._results import FOLDER, git, kept
-from tests.benchmarks.figures import PAGE, README, page_table, readme_table, rows, with_table
+from tests.benchmarks.figures import PAGE, README, main, page_table, readme_table, rows, with_table
 
 BENCHMARKS = FOLDER.parent
 CERTIFICATE = {"command", "seeds", "commit", "date", "machine", "depends", "figures"}
@@ -47,11 +48,23 @@ def test_every_row_names_a_command_that_exists() -> None:
             assert first in names, row.what
 
 
+def test_a_check_names_the_code_that_is_newer(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    newer = "pipeline/oma/poles.py: function stable"
+    monkeypatch.setattr(figures, "newer_code", lambda result: newer)
+    with pytest.raises(SystemExit):
+        main(["--check"])
+    old = [each for each in capsys.readouterr().out.splitlines() if each.startswith("old: ")]
+    assert len(old) == len(rows())
+    assert all(each.endswith(f"({newer})") for each in old)
+
+
 @pytest.mark.nightly
 def test_no_row_is_older_than_its_code() -> None:
     if not git("rev-parse", "HEAD"):
         pytest.skip("no repository: git is needed to tell how old a result is")
-    assert [row.what for row in rows() if row.is_old] == []
+    assert [f"{row.what} ({row.newer})" for row in rows() if row.is_old] == []
 
 
 def seeds(kind: str) -> dict[str, set[int]]:

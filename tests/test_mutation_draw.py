@@ -3,7 +3,7 @@
 import ast
 
 from tests.mutation.__main__ import LISTS, ROOT, excused, faults_of
-from tests.mutation.draw import changes_of, drawn
+from tests.mutation.draw import changes_of, drawn, executing
 from tests.mutation.draw import tests_of as nearest_tests
 
 SOURCE = '''def f(a: int, b: int = 2) -> int:
@@ -40,10 +40,51 @@ def test_limits_of_measured_figures_and_guards_of_the_code_itself_are_left_as_th
     assert not any("True" in change[-1] for change in changes_of(source))
 
 
+def test_what_keeps_a_division_by_zero_from_happening_is_left_as_it_is() -> None:
+    assert [change[-1] for change in changes_of("x = a / (b + 1e-300) + 1e-9")] == [
+        "/ is *",
+        "+ is -",
+        "+ is -",
+        f"1e-09 is {1.25 * 1e-9!r}",
+    ]
+
+
+def test_what_is_logged_is_left_as_it_is() -> None:
+    lines = ('logger.warning("%d", 1 + 2)', '_log.info("%d", 2)', 'log_once(f"{1 + 2}")')
+    assert [changes_of(line) for line in lines] == [[], [], []]
+
+
+def test_a_fault_is_held_by_the_tests_that_execute_its_function_the_shortest_first() -> None:
+    place = "pipeline/state/phrases.py"
+    lines = (ROOT / place).read_text(encoding="utf-8").splitlines()
+    line = next(n for n, text in enumerate(lines, start=1) if text.startswith("def count_noun"))
+    seconds = {"tests/a.py": 3.0, "tests/b.py": 0.1, "tests/test_flow.py": 0.0, "tests/c.py": 1e3}
+    calls = {
+        f"{place}::count_noun": ["tests/a.py", "tests/b.py", "tests/c.py", "tests/test_flow.py"],
+        f"{place}::another": ["tests/d.py"],
+        "pipeline/state/books.py::count_noun": ["tests/d.py"],
+    }
+    executed = {"seconds": seconds | {"tests/d.py": 1.0}, "executing": calls}
+    assert executing(place, line + 1, executed) == ["tests/b.py", "tests/a.py"]
+    assert executing(place, 1, executed) == ["tests/b.py", "tests/d.py", "tests/a.py"]
+    assert executing("pipeline/state/health.py", 1, executed) == []
+
+
+def test_a_constant_is_held_by_the_tests_of_what_imports_it() -> None:
+    calls = {"sensors/files/table.py::in_standard_unit": ["tests/a.py"]}
+    assert "sensors.constants" in (ROOT / "sensors/files/table.py").read_text(encoding="utf-8")
+    executed = {"seconds": {"tests/a.py": 1.0}, "executing": calls}
+    assert executing("sensors/constants.py", 3, executed) == ["tests/a.py"]
+
+
 def test_a_module_of_the_library_is_held_by_tests_that_import_the_library() -> None:
     assert nearest_tests("pipeline/api/pilewatch/structure.py") == [
         "tests/pipeline/api/test_pilewatch.py"
     ]
+
+
+def test_a_module_that_tests_run_by_its_name_is_held_by_the_test_of_that_name() -> None:
+    assert "tests/pipeline/archive/test_worker.py" in nearest_tests("pipeline/archive/worker.py")
 
 
 def test_every_listed_fault_has_one_place_and_tests_that_are_there() -> None:

@@ -134,6 +134,48 @@ def test_a_quantity_that_has_to_be_positive_is_refused_where_it_is_not(
     assert accepted == taken
 
 
+LEAST = 1e-9  # beside a limit, of its own size [-]
+LIMITS = {  # taken, refused
+    "farm.log_std": (0.5 - LEAST, 0.5),
+    "farm.spread": (0.5 - LEAST, 0.5),
+    "oma.hop": (600.0, 600.0 + 600 * LEAST),  # no longer than the window
+    "oma.window_duration": (600.0, 600.0 - 600 * LEAST),
+    "recording.rotate_after": (1e-9, 0.99e-9),  # a nanosecond
+    "recording.rotate_megabytes": (1e-9, 0.99e-9),
+    "simulation.damping.blades": (1.0 - LEAST, 1.0),
+    "simulation.damping.support": (1.0 - LEAST, 1.0),
+    "simulation.duration": (100 * 365.25 * 86400.0, 100 * 365.25 * 86400.0 + 1.0),
+    "simulation.foundation.softening": (0.5 - LEAST, 0.5),
+    "simulation.sea.peak_period": (1.67, 1.66),
+    "updating.guards.paired_share": (0.5, 0.5 - LEAST),
+    "updating.prior.highest_ratio": (0.25 + LEAST, 0.25),
+    "updating.prior.lowest_ratio": (4.0 - LEAST, 4.0),
+    "updating.sampler.walkers": (26, 25),
+    "updating.sampling.importance.draws": (50, 49),
+    "updating.sampling.importance.effective_draws": (50.0, 50.0 - LEAST),
+    "updating.sampling.tempering.samples": (100, 99),
+}
+BETWEEN = {"updating.change.certainty": (0.5, 1.0)}  # both refused, and all between them taken
+
+
+@pytest.mark.parametrize("path", LIMITS)
+def test_a_limit_of_a_key_is_where_it_is_stated(path: str) -> None:
+    cls, name = settings_keys()[path]
+    taken, refused = LIMITS[path]
+    replace(cls(), **{name: taken})
+    with pytest.raises(InputError):
+        replace(cls(), **{name: refused})
+
+
+@pytest.mark.parametrize("path", BETWEEN)
+def test_a_key_between_two_limits_is_neither_of_them(path: str) -> None:
+    cls, name = settings_keys()[path]
+    for limit, beside in zip(BETWEEN[path], (1 + LEAST, 1 - LEAST), strict=True):
+        replace(cls(), **{name: limit * beside})
+        with pytest.raises(InputError):
+            replace(cls(), **{name: limit})
+
+
 def is_required(field: Any) -> bool:
     """Whether a settings type cannot be made without this field."""
     return field.default is MISSING and field.default_factory is MISSING

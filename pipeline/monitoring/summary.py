@@ -198,7 +198,7 @@ def _posterior(state: TurbineState) -> Json:
     }
 
 
-def stream_figures(state: TurbineState, *, published: int, live: bool = False) -> Json:
+def stream_figures(state: TurbineState, *, published: int, live: bool) -> Json:
     """Return what became of a turbine's blocks, by the accounts of the nodes."""
     recorder = state.statuses.get("recorder")
     gaps = _in_its_time(state, state.gaps, live=live)

@@ -105,7 +105,7 @@ class Audit:
     damaged: tuple[str, ...]
     """Files that cannot be read to their end, in words."""
     n_files: int
-    n_open: int = 0
+    n_open: int
     """Of them not closed: their run goes on or was killed."""
 
     @property

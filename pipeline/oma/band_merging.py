@@ -35,7 +35,7 @@ class MergedMode:
     alone: bool  # one band reports it in most orders, although another one reaches it
     n_bands: int  # that report it
     steady: bool  # in most orders of a band, or at two rates
-    between: tuple[Mode, ...] = ()  # the two modes of longer lags that it is a mixture of
+    between: tuple[Mode, ...]  # the two modes of longer lags that it is a mixture of
 
 
 def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[MergedMode, ...]:

@@ -24,7 +24,7 @@ class StreamHealth:
     condition: Condition  # a stream without a period is never late
     silence: float  # since the last message [s]
     messages: int
-    rate: float = float("nan")  # of messages since the first [1/s]; NaN before the second
+    rate: float  # of messages since the first [1/s]; NaN before the second
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ class BootCounter:
             return 0
         return max(0, block.sequence - newest.sequence - 1)
 
-    def boot_of(self, block: AccelerationBlock, *, repeats: bool = False) -> int:
+    def boot_of(self, block: AccelerationBlock, *, repeats: bool) -> int:
         """Starts of the unit before the one that the block is of.
 
         Parameters

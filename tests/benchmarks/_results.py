@@ -10,8 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from tests.benchmarks._newer_code import Repository
+
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).with_name("results")
+_REPOSITORY = Repository(ROOT)
 
 
 def keep(
@@ -35,7 +38,7 @@ def keep(
     seeds : sequence of int
         That were drawn from.
     depends : sequence of str
-        Files and folders of which a later change makes the result old.
+        Files and folders whose later definitions make the result old.
 
     Returns
     -------
@@ -62,10 +65,14 @@ def kept(name: str) -> dict[str, Any] | None:
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else None
 
 
+def newer_code(result: Mapping[str, Any]) -> str | None:
+    """Return the first definition of what a result depends on that is newer; None where none is."""
+    return next(_REPOSITORY.newer(result["commit"], result["depends"]), None)
+
+
 def is_old(result: Mapping[str, Any]) -> bool:
-    """Return whether what a result depends on is another text than when it was measured."""
-    depends = [each for each in result["depends"] if (ROOT / each).exists()]
-    return git("diff", "--name-only", result["commit"], "HEAD", "--", *depends) != ""
+    """Return whether what a result depends on is other code than when it was measured."""
+    return newer_code(result) is not None
 
 
 def git(*arguments: str) -> str:

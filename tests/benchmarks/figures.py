@@ -3,8 +3,9 @@
 python -m tests.benchmarks figures [--check]
 
 `figures.toml` has a row for each figure: a result, and a title and a pattern that its figures fill
-in. A row whose code is newer than its result is marked *. `--check` writes nothing and exits with 1
-where a table is not what the results give, or a row is old.
+in. A row whose code is newer than its result, as `_newer_code` has it, is marked *, and the first
+definition that is newer is printed. `--check` writes nothing and exits with 1 where a table is not
+what the results give, or a row is old.
 """
 
 import argparse
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks._results import ROOT, is_old, kept
+from tests.benchmarks._results import ROOT, kept, newer_code
 
 ROWS = Path(__file__).with_name("figures.toml")
 BEGIN, END = (
@@ -23,8 +24,9 @@ BEGIN, END = (
 )
 README, PAGE = ROOT / "README.md", ROOT / "docs" / "pages" / "accuracy.md"
 LEGEND = (
-    "\\* the code is newer than the measurement. Results, with seeds, commit and machine: "
-    "`tests/benchmarks/results`."
+    "\\* a definition in the code behind the figure is newer than the measurement; comments, "
+    "docstrings, messages and the module that it stands in do not count. Results, with seeds, "
+    "commit and machine: `tests/benchmarks/results`."
 )
 
 
@@ -57,7 +59,12 @@ class Row:
     @property
     def is_old(self) -> bool:
         """Whether its code is newer."""
-        return is_old(self._certificate)
+        return self.newer is not None
+
+    @property
+    def newer(self) -> str | None:
+        """A definition that is newer, with its file; None where its code is the same."""
+        return newer_code(self._certificate)
 
     def _filled(self, pattern: str) -> str:
         figures = self._certificate["figures"]
@@ -115,7 +122,9 @@ def main(arguments: list[str]) -> None:
         elif made != text:
             path.write_text(made, encoding="utf-8")
             print(f"written: {path}")
-    wrong += [f"old: {row.what} (measure: {row.command})" for row in rows() if row.is_old]
+    wrong += [
+        f"old: {row.what} (measure: {row.command}) ({row.newer})" for row in rows() if row.is_old
+    ]
     for each in wrong:
         print(each)
     if options.check and wrong:

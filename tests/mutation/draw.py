@@ -11,11 +11,17 @@
         drawn again third fourth fifth   (13 modules are left; 27 more by seed 186002 over all)
     python -m tests.mutation.draw --seed 20261201 --faults 80 --without fifth sixth
     python -m tests.mutation.draw --seed 20261217 --faults 60   (ninth)
+    python -m tests.mutation.draw --seed 20261127 --faults 60   (tenth)
+    python -m tests.mutation.draw --seed 20261129 --faults 60 --executed FILE   (eleventh)
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it; and those that hold what is published and
-what settings take, where a module has to do with these. Texts of messages, docstrings, logging,
-generated code and what only draws are left out: a fault there changes no figure.
+what settings take, where a module has to do with these. With `--executed FILE`, which
+`tests.mutation.executed` writes, those follow that execute the function with the fault, the
+shortest first, for some seconds in all, and one that passes most of the module's room: a fault that
+the suite catches is not missed because the test that catches it is far away. Texts of messages,
+docstrings, logging, generated code and what only draws are left out: a fault there changes no
+figure.
 """
 
 import argparse
@@ -44,15 +50,33 @@ EXCHANGED = {
     "min": "max", "max": "min", "any": "all", "all": "any", "minimum": "maximum",
     "maximum": "minimum", "mean": "sum", "floor": "ceil", "ceil": "floor", "cos": "sin",
     "sin": "cos", "argmin": "argmax", "argmax": "argmin", }  # fmt: skip
+LEAST_FIGURE = 1e-100  # less is added so that nothing is divided by 0
 ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 WITHOUT_EFFECT = {"strict", "no_wrap"}  # a guard against errors of the code; a terminal's lines
-MOST_TESTS = 4  # modules of tests that are run for a fault
+MOST_TESTS = 4  # modules of tests that are run for a fault because they import its module
+MOST_SECONDS = 10.0  # of those that are run because they execute its function [CPU s]
 SLOW = {"acceptance", "outside", "reproduction", "test_browser.py", "test_flow.py"}  # minutes each
 API = "pipeline/api/"  # what stands in it is imported as of the top: `pilewatch`
 PUBLISHED = "tests/pipeline/test_published.py"  # what these rooms say, and every default
 PUBLISHING = {"cli", "export", "monitoring", "recording", "report", "state"}
 KEYS = "tests/test_scenario_keys.py"  # what settings take
+A_RUN = "tests/test_golden_run.py::test_a_run_gives_the_same_messages_as_before[bad-sensors]"
+WHOLE = {  # a test that passes most of a room, of ten seconds at most
+    **dict.fromkeys(("acquisition", "dynamics", "loads", "simulation", "structure"), A_RUN),
+    **dict.fromkeys(("nodes", "oma", "runtime", "updating"), A_RUN),
+    **dict.fromkeys(("sources", "state", "transport"), "tests/pipeline/test_histories.py"),
+    "api": "tests/pipeline/api/test_pilewatch.py",
+    "archive": "tests/pipeline/archive/test_history.py",
+    "cli": "tests/pipeline/cli/test_commands.py",
+    "feeds": "tests/sensors/feeds/test_any_message.py",
+    "files": "tests/sensors/files/test_formats.py",
+    "offline": "tests/pipeline/cli/test_commands.py",
+    "report": "tests/pipeline/report/test_page.py",
+    "viewer": "tests/pipeline/viewer/test_viewer.py",
+}
+_LOGGING = re.compile(r"(?:_log|_LOG|logger)\.|log_once\(")
 Change = tuple[int, int, int, str, str]  # line, first and last column, new text, what it is
+Executed = dict[str, Any]  # what tests.mutation.executed writes
 
 
 def changes_of(source: str) -> list[Change]:
@@ -61,7 +85,7 @@ def changes_of(source: str) -> list[Change]:
     found = []
     for node in _outside_of_texts(ast.parse(source)):
         for line, start, end, new, what in _changes_at(node, lines):
-            if "->" not in lines[line - 1][start:end] and "_LOG" not in lines[line - 1]:
+            if "->" not in lines[line - 1][start:end] and not _LOGGING.search(lines[line - 1]):
                 found.append((line, start, end, new, what))
     return sorted(set(found))
 
@@ -76,7 +100,7 @@ def _outside_of_texts(node: ast.AST) -> Iterator[ast.AST]:
         for child in value if isinstance(value, list) else [value]:
             if not isinstance(child, ast.AST) or isinstance(child, ast.JoinedStr | ast.Raise):
                 continue
-            if isinstance(child, ast.Call) and ast.unparse(child.func).lower().startswith("_log"):
+            if isinstance(child, ast.Call) and _LOGGING.match(f"{ast.unparse(child.func)}("):
                 continue
             yield child
             yield from _outside_of_texts(child)
@@ -93,6 +117,8 @@ def _changes_at(node: ast.AST, lines: list[str]) -> Iterator[Change]:
         words = ("and", "or") if isinstance(node.op, ast.And) else ("or", "and")
         yield from _between(node.values[0], node.values[1], words, lines)
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        if 0 < node.value < LEAST_FIGURE:
+            return
         new = node.value + 1 if isinstance(node.value, int) else node.value * 1.25 or 0.25
         yield _replaced(node, repr(new), f"{node.value} is {new}")
     elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
@@ -167,9 +193,14 @@ def modules(without: Sequence[str]) -> list[Path]:
 
 
 def tests_of(place: str) -> list[str]:
-    """Return tests that import a module, else those that import what imports it, nearest first."""
-    wide = []
-    if PUBLISHING & set(Path(place).parts) or "settings" in Path(place).stem:
+    """Return tests that import a module, else those that import what imports it, nearest first.
+
+    The one that has its name is among them, imported or not.
+    """
+    path = Path(place)
+    own = Path("tests") / path.parent / f"test_{path.name}"
+    wide = [str(own)] if (ROOT / own).exists() else []
+    if PUBLISHING & set(path.parts) or "settings" in path.stem:
         wide.append(PUBLISHED)
     if "__post_init__" in (ROOT / place).read_text(encoding="utf-8"):
         wide.append(KEYS)
@@ -178,14 +209,67 @@ def tests_of(place: str) -> list[str]:
         near = sorted(_importing(named, ROOT / "tests", "test_*.py"), key=_distance_from(place))
         if near:
             return [*near[:MOST_TESTS], *(each for each in wide if each not in near[:MOST_TESTS])]
-        named = [
-            each
-            for top in ("sensors", "pipeline")
-            for each in _importing(named, ROOT / top, "*.py")
-            if each not in seen
-        ]
+        named = [each for each in _product_modules_importing(named) if each not in seen]
         seen |= set(named)
     return ["tests/test_flow.py"]
+
+
+def executing(place: str, line: int, executed: Executed) -> list[str]:
+    """Return tests that execute the function around a line, the shortest first, while they fit.
+
+    A line outside of functions has the tests of all functions of its module, and where none is
+    executed, as in a module of constants, of the modules that import it.
+    """
+    function = _function_around(line, (ROOT / place).read_text(encoding="utf-8"))
+    tests = _executing_any(f"{place}::{function}", executed, whole=bool(function))
+    for importing in () if tests else _product_modules_importing([place]):
+        tests |= _executing_any(f"{importing}::", executed)
+    chosen, seconds = [], 0.0
+    for test in sorted(tests, key=lambda test: (executed["seconds"][test], test)):
+        seconds += executed["seconds"][test]
+        if seconds <= MOST_SECONDS and not SLOW & set(Path(test).parts):
+            chosen.append(test)
+    return chosen
+
+
+def _executing_any(name: str, executed: Executed, *, whole: bool = False) -> set[str]:
+    """Tests that execute a function of that whole name, or one whose name begins so."""
+    return {
+        test
+        for function, tests in executed["executing"].items()
+        if (function == name if whole else function.startswith(name))
+        for test in tests
+    }
+
+
+def of_the_room(place: str) -> list[str]:
+    """Return the test that passes most of a module's room."""
+    rooms = [WHOLE[part] for part in Path(place).parts[1:-1] if part in WHOLE]
+    return rooms[:1]
+
+
+def _function_around(line: int, source: str) -> str:
+    """Return a function's or method's qualified name, without those within it; "" outside."""
+    nodes, qualified = ast.parse(source).body, ""
+    while nodes:
+        around = [
+            node
+            for node in nodes
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+            and node.lineno <= line <= (node.end_lineno or 0)
+        ]
+        nodes = []
+        for node in around:
+            qualified += f".{node.name}" if qualified else node.name
+            if not isinstance(node, ast.ClassDef):
+                return qualified
+            nodes = node.body
+    return ""
+
+
+def _product_modules_importing(places: list[str]) -> list[str]:
+    tops = ("sensors", "pipeline")
+    return [each for top in tops for each in _importing(places, ROOT / top, "*.py")]
 
 
 def _importing(places: list[str], folder: Path, pattern: str) -> list[str]:
@@ -224,7 +308,9 @@ def _distance_from(place: str) -> Callable[[str], tuple[int, str]]:
     return distance
 
 
-def drawn(seed: int, number: int, without: Sequence[str] = ()) -> list[dict[str, Any]]:
+def drawn(
+    seed: int, number: int, without: Sequence[str] = (), executed: Executed | None = None
+) -> list[dict[str, Any]]:
     """Draw faults, each in a module of its own."""
     rng = np.random.default_rng(seed)
     files, found = modules(without), []
@@ -243,6 +329,8 @@ def drawn(seed: int, number: int, without: Sequence[str] = ()) -> list[dict[str,
             change = changes[rng.integers(len(changes))]
             old, new = _unique(source, change, texts)
             what = f"{place}:{change[0]} {change[4]}"
+            near = tests_of(place)
+            far = [*executing(place, change[0], executed), *of_the_room(place)] if executed else []
             found.append(
                 {
                     "place": place,
@@ -250,7 +338,7 @@ def drawn(seed: int, number: int, without: Sequence[str] = ()) -> list[dict[str,
                     "new": new,
                     "occurrence": None,
                     "what": what,
-                    "tests": tests_of(place),
+                    "tests": [*near, *(each for each in far if each not in near)],
                 }
             )
     return found
@@ -275,8 +363,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--faults", type=int, default=120)
     parser.add_argument("--without", nargs="*", default=[], help="lists whose modules are left out")
+    parser.add_argument("--executed", type=Path, help="which tests execute a function")
     options = parser.parse_args()
-    faults = drawn(options.seed, options.faults, options.without)
+    executed = options.executed and json.loads(options.executed.read_text(encoding="utf-8"))
+    faults = drawn(options.seed, options.faults, options.without, executed)
     json.dump(faults, sys.stdout, indent=1, ensure_ascii=False)
     sys.stdout.write("\n")
 

@@ -59,3 +59,10 @@ def test_folders_that_were_made_are_there_after_a_power_cut(tmp_path: Path) -> N
         make_folder_durably(tmp_path / "a" / "b" / "c")
         written_whole(tmp_path / "a" / "b" / "c" / "file", b"content")
     assert (tmp_path / "a" / "b" / "c" / "file").read_bytes() == b"content"
+
+
+def test_a_folder_that_is_there_stays_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "file").write_bytes(b"content")
+    make_folder_durably(tmp_path / "a")
+    assert (tmp_path / "a" / "file").read_bytes() == b"content"

@@ -37,8 +37,9 @@ def identified_modes_table(
             f"{100 * mode.damping_ratio_std:.2f}",
             str(mode.seen_in_windows),
         ]
-        if paired and mode.pair is not None:
-            row += [f"{mode.pair.model_frequency:.4f}", f"{mode.pair.mac:.3f}"]
+        if paired:
+            pair = mode.pair
+            row += ["", ""] if pair is None else [f"{pair.model_frequency:.4f}", f"{pair.mac:.3f}"]
         if cross_checks is not None:
             check = cross_checks.get(mode.name)
             row += (

@@ -141,13 +141,13 @@ class Window:
     samples: FloatArray
     """(n, n_channels) [m/s²], at the nominal rate: a drift that the stamps show is taken out. NaN
     in a gap; empty where more than 5 % is missing."""
-    gaps: tuple[MissingSamples, ...] = ()  # that fall into it
-    status: BlockStatus = BlockStatus.OK  # what the unit reported in any of its blocks
-    complete: bool = True  # False: the session ended inside it
-    first_sample: int = 0  # since the unit's start
-    steps: tuple[ClockStep, ...] = ()  # of the unit's stamps inside the window
-    clock: ClockFit | None = None  # of the stamps inside the window; None: too few
-    passed_over: int = 0  # windows right before it that are not cut: all lie in the same gap
+    gaps: tuple[MissingSamples, ...]  # that fall into it
+    status: BlockStatus  # what the unit reported in any of its blocks
+    complete: bool  # False: the session ended inside it
+    first_sample: int  # since the unit's start
+    steps: tuple[ClockStep, ...]  # of the unit's stamps inside the window
+    clock: ClockFit | None  # of the stamps inside the window; None: too few
+    passed_over: int  # windows right before it that are not cut: all lie in the same gap
 
     @property
     def duration(self) -> float:

@@ -44,8 +44,8 @@ class TrackSensitivity:
 def watched_window(
     evidence: ModalEvidence,
     estimate: ModalEstimate,
-    water_level: float = 0.0,
-    unknown_level_std: float = 0.0,
+    water_level: float,
+    unknown_level_std: float,
 ) -> WatchedWindow:
     """The frequencies of the window that entered the evidence last, by track.
 

@@ -68,7 +68,7 @@ class Descriptor:
     length: int  # [bytes]
     time_ns: int | None  # of the first sample; None: not given [ns since 1970-01-01 UTC]
     first_sample: int  # since the acquisition's start
-    columns: int = 1
+    columns: int
 
 
 def is_cpsens(topic: str, payload: bytes) -> bool:

@@ -3,9 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from pipeline.archive.identification import _wanted, task_messages
 from pipeline.archive.plan import IdentificationTask, Piece
-from sensors.acquisition.blocks import NANOSECONDS
+from pipeline.messages import FoundationTruth
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import LAYOUT, START_NS, block
 from tests.pipeline.report.example_session import recorded
@@ -54,3 +58,32 @@ def test_a_block_of_which_the_end_is_wanted_begins_when_that_was_measured() -> N
     (cut,) = _wanted(block(1), "t1", [piece])
     assert cut.start_ns == block(1).start_ns + NANOSECONDS // 4
     assert (cut.first_sample, cut.sequence, len(cut.samples)) == (0, 0, 30)
+
+
+@pytest.mark.parametrize("in_order", [True, False])
+def test_a_file_whose_blocks_were_recorded_out_of_order_is_read_in_their_order(
+    tmp_path: Path, in_order: bool
+) -> None:
+    """Beside them stand another turbine's blocks and what a simulation knew."""
+    truth = FoundationTruth("t1", START_NS, 1.0, 2.0, 3.0)
+    foreign = block(1, turbine="t2")
+    blocks = [block(number) for number in (0, 2, 1, 3)]
+    path = recorded(tmp_path / "own.mcap", [LAYOUT, truth, reported(0), *blocks, foreign])
+    task = IdentificationTask(
+        path=path,
+        fingerprints=(),
+        turbine="t1",
+        layout_ids=(LAYOUT.layout_id,),
+        pieces=(),
+        start_ns=START_NS,
+        end_ns=START_NS + 4 * NANOSECONDS,
+        n_windows=0,
+        in_order=in_order,
+    )
+    read = list(task_messages(task))
+    given = [each.sequence for each in read if isinstance(each, AccelerationBlock)]
+    assert given == ([0, 2, 1, 3] if in_order else [0, 1, 2, 3])
+    assert {each.turbine for each in read} == {"t1"}
+    assert [type(each) for each in read].count(FoundationTruth) == 1
+    assert [type(each) for each in read].count(ScadaSample) == 1
+    assert [type(each) for each in read].count(SensorLayout) == 1

@@ -10,14 +10,17 @@ from hypothesis import strategies as st
 from pipeline.archive.plan import (
     IdentificationTask,
     PartsBySample,
+    TurbinePlan,
     chains_of,
     parts_by_turbine,
     sent_again,
     turbine_plan,
 )
 from pipeline.archive.survey import FileSurvey, Part, archive_files, without_copies
+from pipeline.archive.turbines import TurbineArchive
 from pipeline.messages import StreamGap
 from pipeline.oma.settings import OmaSettings
+from pipeline.scenario.loading import modes_only
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
@@ -264,3 +267,12 @@ def test_samples_that_a_part_lacks_are_taken_from_whatever_parts_have_them() -> 
     parts = PartsBySample([lacking, half, quarter])
     found = [(each.path.name, *span) for each, *span in sent_again(lacking, 0, 300, parts)]
     assert found == [("b", 100, 150), ("c", 175, 200)]
+
+
+def test_windows_of_a_file_that_must_be_read_to_know_are_as_many_as_fit() -> None:
+    hour = NANOSECONDS * 3600
+    known = IdentificationTask(Path("a"), (), "t", (), (), 0, 9 * hour, n_windows=3)
+    tasks = [replace(known, n_windows=0, end_ns=end) for end in (hour, hour // 100, 1)]
+    archive = TurbineArchive(TurbinePlan("t", (known, *tasks), ()), modes_only("t"), ())
+    hop = archive.scenario.oma.hop
+    assert archive.n_windows == 3 + round(3600 / hop) + 1 + 1

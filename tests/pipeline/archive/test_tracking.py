@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.archive.tracking import ArchiveTracking
-from pipeline.messages import ModalEstimate
+from pipeline.messages import FoundationTruth, ModalEstimate
 from tests.pipeline.example_estimates import WINDOW, estimate, mode
 from tests.pipeline.example_messages import LAYOUT
 
@@ -23,3 +23,9 @@ def test_what_moves_by_a_percent_is_another_mode_at_once_and_the_same_after_two_
     assert all(isinstance(each, ModalEstimate) for each in followed)
     names = [each.modes[0].name for each in followed if isinstance(each, ModalEstimate)]
     assert (names[-1] == names[0]) is same
+
+
+def test_a_truth_that_several_tasks_read_is_given_once() -> None:
+    tracking = ArchiveTracking(LAYOUT.channel_names, float(WINDOW))
+    truths = [FoundationTruth("t1", time_ns, 1.0, 2.0, 3.0) for time_ns in (10, 10, 20, 10, 20, 30)]
+    assert [each.time_ns for each in tracking.followed(truths)] == [10, 20, 30]

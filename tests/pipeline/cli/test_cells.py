@@ -78,6 +78,14 @@ def test_a_recordings_table_gives_the_seconds_that_are_missing() -> None:
         StreamGap("t1", "tower", "s", 1 * NANOSECONDS, 3 * NANOSECONDS, 1, 2),
         StreamGap("t1", "tower", "s", 7 * NANOSECONDS, 8 * NANOSECONDS, 7, 1),
     )
-    unit = UnitInfo("t1", "tower", "s", 40.0, 8, 10, 0, 13 * NANOSECONDS, missing)
+    unit = UnitInfo(
+        *("t1", "tower", "s", 40.0, 8, 10, 0, 13 * NANOSECONDS, missing, "four-levels"),
+        first_sample=0,
+        next_sample=520,
+        first_sequence=0,
+        last_sequence=12,
+        missing=((40, 120), (280, 320)),
+        in_order=True,
+    )
     info = RecordingInfo(Path("a.mcap"), 100, {}, (), (unit,), (), ())
     assert "2 (3.0 s)" in printed(*recording_tables(info))

@@ -3,6 +3,7 @@
 import json
 import logging
 import sys
+import threading
 from importlib.metadata import PackageNotFoundError
 from io import StringIO
 from pathlib import Path
@@ -14,7 +15,14 @@ from hypothesis import strategies as st
 from rich.text import Text
 
 from pipeline.cli import ConsoleHandler, main, print_version
-from pipeline.cli.console import LineConsole, LogConsole, escape_markup, stderr, zenoh_settings
+from pipeline.cli.console import (
+    LineConsole,
+    LogConsole,
+    View,
+    escape_markup,
+    stderr,
+    zenoh_settings,
+)
 from sensors.errors import InputError
 
 
@@ -91,3 +99,22 @@ def test_a_tower_unit_states_its_version(
     with pytest.raises(typer.Exit):
         print_version(True)
     assert capsys.readouterr().out == "pilewatch-edge 1.2.3\n"
+
+
+@pytest.mark.parametrize(
+    ("page", "ended", "waits"),
+    [("http://a", False, True), ("", False, False), ("http://a", True, False)],
+)
+def test_a_served_page_stays_until_the_session_is_stopped(
+    page: str, ended: bool, waits: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stopping = threading.Event()
+    if ended:
+        stopping.set()
+    waiting = threading.Thread(target=View(None, page).wait, args=(stopping,))
+    waiting.start()
+    waiting.join(0.05 if waits else 10.0)
+    assert waiting.is_alive() is waits
+    stopping.set()
+    waiting.join(10.0)
+    assert ("The page stays at http://a until Ctrl-C." in capsys.readouterr().err) is waits

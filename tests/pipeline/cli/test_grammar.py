@@ -81,16 +81,14 @@ def test_options_are_words_with_hyphens() -> None:
             assert "_" not in word, (name, word)
 
 
-@pytest.mark.parametrize(("line", "keys"), QUERIES, ids=[line for line, _ in QUERIES])
-def test_what_a_command_finds_is_json(
-    line: str,
-    keys: set[str],
+@pytest.fixture
+def folder(
     tmp_path: Path,
     short_recording: Path,
     short_session: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+) -> Path:
+    """The working folder: a recording, a session and two tables of one mode."""
     monkeypatch.chdir(tmp_path)
     Path("short.mcap").symlink_to(short_recording)
     Path("session.mcap").symlink_to(short_session)
@@ -98,6 +96,17 @@ def test_what_a_command_finds_is_json(
     table = lfilter([1.0], [1.0, -1.6, 0.98], noise, axis=0)  # one mode at a tenth of the rate
     for name, header in (("two", "a,b"), ("named", "z80-fa,z80-ss")):
         np.savetxt(f"{name}.csv", table, delimiter=",", header=header, comments="")
+    return tmp_path
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(("line", "keys"), QUERIES, ids=[line for line, _ in QUERIES])
+def test_what_a_command_finds_is_json(
+    line: str,
+    keys: set[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     rate = ["--sampling-rate", "20"] if line.startswith("import") else []
     monkeypatch.setattr(sys, "argv", ["pilewatch", *line.split(), *rate, "--json"])
     with pytest.raises(SystemExit) as ended:
@@ -107,3 +116,30 @@ def test_what_a_command_finds_is_json(
     found = json.loads(printed.out)
     first = found[0] if isinstance(found, list) else found
     assert keys <= set(first)
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("simulate --list", ["parked", "bad-sensors", "tide"]),
+        ("simulate --describe parked", ["[simulation]", "seed"]),
+        ("info short.mcap", ["AccelerationBlock", "tower", "240"]),
+        ("salvage short.mcap -o again.mcap", ["again.mcap: ", "chunks"]),
+        ("export short.mcap --csv", [".csv", "rows"]),
+        ("certificates keys --viewer a", ["keys"]),
+    ],
+)
+def test_what_a_command_finds_is_words_where_no_json_is_asked_for(
+    line: str,
+    words: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(sys, "argv", ["pilewatch", *line.split()])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    printed = capsys.readouterr()
+    assert ended.value.code in (0, None), printed.err
+    assert [word for word in words if word not in printed.out] == []

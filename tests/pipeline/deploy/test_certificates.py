@@ -3,6 +3,7 @@
 import json
 import ssl
 import stat
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,44 @@ def test_every_machine_has_a_certificate_that_the_authority_signed(tmp_path: Pat
         x509.SubjectAlternativeName
     )
     assert hosts.value.get_values_for_type(x509.DNSName) == ["station.example", "localhost"]
+
+
+def test_extensions_are_as_the_profile_of_certificates_has_them(tmp_path: Path) -> None:
+    """RFC 5280: those that limit what a key may do are critical, those that help find it are not;
+    an authority signs no other authority."""
+    make_certificates(tmp_path, NAMES, host="localhost")
+    authority, machine, unit = (certificate(tmp_path, name) for name in ("ca", *NAMES[:2]))
+    critical = {"basicConstraints": True, "keyUsage": True, "subjectKeyIdentifier": False}
+    of_machine = critical | {"authorityKeyIdentifier": False, "extendedKeyUsage": False}
+    for each, expected in (
+        (authority, critical),
+        (unit, of_machine),
+        (machine, of_machine | {"subjectAltName": False}),
+    ):
+        assert {one.oid._name: one.critical for one in each.extensions} == expected
+        allowed = each.extensions.get_extension_for_class(x509.BasicConstraints).value
+        signs = each is authority
+        assert (allowed.ca, allowed.path_length) == ((True, 0) if signs else (False, None))
+        usage = each.extensions.get_extension_for_class(x509.KeyUsage).value
+        assert (usage.key_cert_sign, usage.crl_sign) == (signs, signs)
+        assert usage.digital_signature is not signs
+        others = ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement")
+        assert not any(getattr(usage, other) for other in others)
+    purposes = unit.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+    assert {each._name for each in purposes} == {"clientAuth", "serverAuth"}
+
+
+def test_a_certificate_is_valid_from_ten_minutes_before_for_as_long_as_its_page_has_it(
+    tmp_path: Path,
+) -> None:
+    before = datetime.now(UTC).replace(microsecond=0)
+    make_certificates(tmp_path, NAMES, host="localhost")
+    after = datetime.now(UTC)
+    clocks_differ = timedelta(minutes=10)
+    for name, days in (("ca", 3650), (NAMES[1], 825)):
+        made = certificate(tmp_path, name)
+        assert before - clocks_differ <= made.not_valid_before_utc <= after - clocks_differ
+        assert before <= made.not_valid_after_utc - timedelta(days=days) <= after
 
 
 def test_what_exists_is_kept_and_a_new_unit_is_signed_by_the_same_authority(tmp_path: Path) -> None:

@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.farm.farm import PoolingSettings, in_order, members_of, pooled_farm
+from pipeline.farm.farm import (
+    Interval,
+    PoolingSettings,
+    _sentence,
+    in_order,
+    members_of,
+    pooled_farm,
+)
 from pipeline.farm.settings import FarmError, GibbsSettings
 from tests.pipeline.farm.farms import (
     NOMINAL,
@@ -153,3 +160,21 @@ def test_one_impossible_draw_leaves_a_turbine_out(bad: float) -> None:
     members, left_out = members_of([whole[0], replace(whole[1], draws=draws), whole[2]])
     assert [each.turbine for each in members] == ["t0", "t2"]
     assert left_out[0].reason == "its posterior has springs that no foundation has"
+
+
+@pytest.mark.parametrize(
+    ("sign", "probability", "words"),
+    [
+        (-1, 0.9996, "below the farm's, unlike the others with probability > .999"),
+        (1, 0.55, "above the farm's, unlike the others with probability .550"),
+        (1, 0.549, "above the farm's, like the others with probability .451"),
+    ],
+)
+def test_a_turbine_is_unlike_the_others_from_the_probability_that_marks_it(
+    sign: int, probability: float, words: str
+) -> None:
+    p05, p95 = sorted((sign * 0.07, sign * 0.12))
+    as_all = Interval(0.0, -0.01, 0.01)
+    off = [as_all, Interval(sign * 0.1, p05, p95), as_all]
+    text = f"t1: k22 10.0 % [7.0, 12.0] {words}"
+    assert _sentence("t1", off, 1, probability) == text

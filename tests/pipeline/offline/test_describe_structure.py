@@ -66,3 +66,12 @@ def test_the_picture_is_written(tmp_path: Path) -> None:
 def test_of_the_steps_between_widths_the_largest_counts() -> None:
     assert _largest_step([1.0, 1.1, 1.6, 1.5]) == pytest.approx(0.5)
     assert _largest_step([1.0]) == 0.0
+
+
+def test_what_a_pole_does_not_have_is_described_as_nothing() -> None:
+    rows = dict(structure_figures(parse_turbine(POLE, source="pole.toml")).rows())
+    assert rows["rotor radius"] == "0 m"
+    assert rows["water depth"] == "0 m"
+    assert rows["mass of the blades"] == rows["mass on the top, without blades"] == "0 t"
+    assert rows["largest step of the diameter"] == "0.00 m"
+    assert rows["mass of the tubes"] == f"{7.85 * np.pi * 2.97 * 0.03 * 60:,.0f} t"

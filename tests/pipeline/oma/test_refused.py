@@ -1,5 +1,8 @@
 """What looked like a mode and is not reported: every column of the diagram has a name."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from pipeline.messages import Mode, RefusedMode
 from pipeline.oma import band_merging
 from pipeline.oma.identification import identify, why_refused
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.stabilization import PoleCloud
 from tests.benchmarks.close_modes import pair
 
 
@@ -59,3 +63,40 @@ def test_a_vague_shape_is_a_mixture_only_where_the_window_resolves_the_resonance
     mode = Mode("", 1.0, 1e-3, 0.01, 1e-4, np.array([1.0, 0.5]), columns, 1)
     refused = why_refused(mode, half_bandwidths / 0.01, OmaSettings())
     assert (refused and refused[0]) == code
+
+
+def band(n_orders: int, columns: list[tuple[float, int]]) -> Any:
+    """A band with poles at each of these frequencies in so many of its orders."""
+    frequencies = np.concatenate([np.full(n, f) for f, n in columns])
+    orders = np.concatenate([np.arange(n) for _, n in columns])
+    n = len(orders)
+    poles = PoleCloud(
+        orders=orders,
+        indices=np.zeros(n, dtype=int),
+        frequencies=frequencies,
+        damping_ratios=np.full(n, 0.02),
+        shapes=np.ones((n, 1), dtype=complex),
+        frequency_deviations=np.zeros((n, 0)),
+        damping_deviations=np.zeros((n, 0)),
+    )
+    return SimpleNamespace(poles=poles, band=SimpleNamespace(orders=range(n_orders)))
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize(("share", "covered"), [(0.98, True), (1.02, False)])
+def test_a_column_belongs_to_a_named_mode_within_a_hundredth_of_its_frequency(
+    side: int, share: float, covered: bool
+) -> None:
+    named = np.array([2.0 / (1 + side * share * band_merging.COVERED), 5.0])
+    found = band_merging._columns(band(10, [(2.0, 8)]), named)
+    assert [each.frequency for _, each in found] == ([] if covered else [2.0])
+
+
+def test_a_column_has_its_share_of_the_orders_and_its_own_median_and_scatter() -> None:
+    seen = band(10, [(1.0, 5), (1.002, 4), (3.0, 3), (4.0, 2)])
+    (first, one), (second, two) = band_merging._columns(seen, np.array([]))
+    assert (first, second) == (0.5, 0.3)
+    assert (one.frequency, two.frequency) == (1.0, 3.0)
+    assert (one.damping_ratio, one.code) == (0.02, "unstable")
+    spread = 100 * np.std([1.0] * 5 + [1.002] * 4)
+    assert f"poles in 5 of 10 model orders, scattered by {spread:.2g} %" in one.text

@@ -34,6 +34,7 @@ from tests.pipeline.example_messages import (
     rejection,
     status,
 )
+from tests.pipeline.power_cut import power_cut
 
 SECOND = 10**9  # [ns]
 TRUTH = FoundationTruth("t1", START_NS, 0.098e11, 8.238e11, 0.678e11)
@@ -339,3 +340,11 @@ def test_a_clock_that_is_set_back_leaves_no_chunk_open_for_good(tmp_path: Path) 
     on_disk = Path(f"{path}.active").read_bytes()
     assert Opcode.CHUNK in [opcode for _, opcode in record_offsets(BytesIO(on_disk))]
     recorder.close()
+
+
+def test_what_a_recording_begins_with_is_there_after_a_power_cut(tmp_path: Path) -> None:
+    with power_cut(tmp_path):
+        Recorder(tmp_path / "tower.mcap", metadata=METADATA, clock=None)
+    (left,) = tmp_path.iterdir()
+    assert left.read_bytes().startswith(b"\x89MCAP0\r\n")
+    assert b"seed = 1" in left.read_bytes()

@@ -4,7 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.node import Node, Plan
+from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.run.options import SessionOptions
+from pipeline.run.processes import processes
 from pipeline.run.run import run_session
 from pipeline.scenario import load_scenario
 from pipeline.sources.sources import open_source, simulated
@@ -37,3 +41,23 @@ def test_nodes_elsewhere_are_nodes_of_a_live_session(
 def test_the_turbines_of_a_source_are_known_beforehand() -> None:
     assert simulated(load_scenario("farm")).turbines == tuple(f"iea15mw-{n}" for n in (1, 2, 3, 4))
     assert open_source("live", "parked").turbines == ("iea15mw",)
+
+
+@pytest.mark.parametrize(
+    ("node", "shards", "names"),
+    [
+        (IdentificationNode, 1, ["identification"]),
+        (IdentificationNode, 3, [f"identification-{n}-of-3" for n in (1, 2, 3)]),
+        (SessionRecorder, 1, ["recorder"]),
+        (SessionRecorder, 3, ["recorder"]),
+    ],
+)
+def test_turbines_are_shared_by_the_nodes_that_compute_and_by_no_other(
+    node: type[Node], shards: int, names: list[str]
+) -> None:
+    plan = Plan(node, lambda: pytest.fail("a node is made in its own process"))
+    found = processes(plan, ["pilewatch", "node"], shards)
+    assert [each.name for each in found] == names
+    shares = [["--shard", f"{number}/{shards}"] for number in range(1, shards + 1)]
+    own = shares if len(names) > 1 else [[]]
+    assert [list(each._command) for each in found] == [["pilewatch", "node", *each] for each in own]

@@ -27,6 +27,7 @@ from pipeline.transport.zenoh_bus import peer_of
 from sensors.errors import InputError
 from sensors.structure.description import load_turbine, shipped_text
 from tests.pipeline.example_messages import LAYOUT, block
+from tests.pipeline.report.example_session import recorded
 
 OWN = """
 [turbine]
@@ -182,3 +183,18 @@ def test_layouts_without_blocks_and_blocks_without_layouts_are_no_source(
             recorder.handle(message)
     with pytest.raises(SourceError, match="no acceleration blocks with their layout"):
         source_of(tmp_path, [recording_info(tmp_path / "half.mcap")])
+
+
+def test_a_recording_lasts_from_its_first_units_start_to_its_last_ones_end(tmp_path: Path) -> None:
+    """Two units over two files, of which one begins before the other and ends before it."""
+    other = replace(LAYOUT, layout_id="other", unit="nacelle", channels=LAYOUT.channels[:1])
+    parts = {"a": ("tower", 10, 13), "b": ("nacelle", 12, 20)}
+    infos = []
+    for name, (unit, first, last) in parts.items():
+        path = recorded(tmp_path / f"{name}.mcap", [LAYOUT, other, *[
+            replace(block(number), unit=unit) for number in range(first, last)
+        ]])  # fmt: skip
+        infos.append(recording_info(path))
+    found = source_of(tmp_path, infos)
+    assert found.duration == 10.0
+    assert set(found.layouts) == {"t1"}

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from pipeline.messages import StreamEnd
 from pipeline.state.health import Health
 from tests.pipeline.example_messages import START_NS, block, rejection, status
@@ -71,3 +73,22 @@ def test_a_rate_counts_the_intervals_between_messages() -> None:
         health.observe(block(number), START_NS + number * SECOND)
     (stream,) = health.streams(START_NS + 10 * SECOND)
     assert stream.rate == 1.0
+
+
+def test_of_more_keys_than_are_watched_those_with_fewest_messages_go(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pipeline.state.health.MOST_KEYS_WATCHED", 3)
+    monkeypatch.setattr("pipeline.state.health.LET_GO", 1)
+    turbines = ["a", "a", "b", "c", "c", "c", "b", "a", "d"]
+    health = watched(*(block(number, turbine=name) for number, name in enumerate(turbines)))
+    found = {each.key.split("/")[1]: each.messages for each in health.streams(START_NS)}
+    assert found == {"a": 3, "c": 3, "d": 1}  # of b two had come
+
+
+def test_a_rate_counts_from_the_first_message_and_needs_a_second() -> None:
+    health = Health()
+    for number in range(5):
+        health.observe(block(number), START_NS + 2 * number * SECOND)
+        (stream,) = health.streams(START_NS + 8 * SECOND)
+        assert (stream.rate != stream.rate) if number == 0 else (stream.rate == 0.5)

@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 
-from pipeline.messages import QualityWarning, WindowRejected
+import pytest
+
+from pipeline.messages import QualityWarning, WindowRejected, same_window
 from pipeline.monitoring.status import status_figures
 from pipeline.monitoring.summary import run_figures, turbine_figures
 from pipeline.state.run_state import RunState
@@ -136,3 +138,30 @@ def test_late_blocks_and_those_of_a_unit_that_starts_again_under_its_name_count(
     for each in (*map(block, (0, 1, 3, 2, 2)), *again, again[1]):
         run.fold(each)
     assert run.published == 6
+
+
+def test_of_more_turbines_than_a_live_run_keeps_the_one_with_fewest_messages_goes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pipeline.state.run_state.MOST_TURBINES_KNOWN", 3)
+    live, whole = RunState(kept=10), RunState()
+    for run in (live, whole):
+        for turbine, n_blocks in (("a", 2), ("b", 1), ("c", 3), ("d", 1), ("d", 1)):
+            for sequence in range(n_blocks):
+                run.fold(block(sequence, turbine=turbine))
+    assert list(live.turbines) == ["a", "c", "d"]
+    assert list(whole.turbines) == ["a", "b", "c", "d"]
+
+
+def test_answers_are_of_one_window_by_their_blocks_or_else_by_their_start() -> None:
+    """Older recordings do not say which blocks a window is of."""
+    origins = (("tower", "session-1", 0),)
+    first, second = estimate(0), estimate(1)
+    assert same_window(first, replace(first, end_ns=1))
+    assert not same_window(first, second)
+    assert not same_window(first, replace(first, turbine="t2"))
+    assert same_window(replace(first, origins=origins), first)
+    assert same_window(first, replace(first, origins=origins))
+    assert same_window(replace(first, origins=origins), replace(second, origins=origins))
+    later = (("tower", "session-1", 1),)
+    assert not same_window(replace(first, origins=origins), replace(first, origins=later))

@@ -108,3 +108,10 @@ def test_as_many_units_as_may_be_watched_are_watched(monkeypatch: pytest.MonkeyP
             each = replace(block(k), unit=unit)
             clocks.note(each, each.end_ns + 3600 * 10**9)
     assert len(clocks.warnings) == 2
+
+
+@pytest.mark.parametrize(("pace", "wrong"), [(1.8, True), (2.2, False)])
+def test_blocks_that_arrive_more_than_twice_as_fast_as_measured_are_a_backlog(
+    pace: float, wrong: bool
+) -> None:
+    assert bool(warned(-7200.0, pace=pace)) is wrong

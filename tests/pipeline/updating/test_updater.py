@@ -1,6 +1,7 @@
 """Modal estimates in, a posterior out that holds the truth as often as it says."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from pipeline.updating.samplers.interface import Peak, PosteriorDraws, Target
 from pipeline.updating.samplers.registry import SamplingSettings, sampler_of
 from pipeline.updating.samplers.tmcmc import TemperingSettings
 from pipeline.updating.settings import UpdatingSettings
-from pipeline.updating.updater import FoundationUpdater
+from pipeline.updating.updater import FoundationUpdater, _joint_sensitivities
 from tests.pipeline.updating.likelihood.test_likelihood import evidence_of, likelihood_of
 from tests.pipeline.updating.small_tower import (
     LAYOUT,
@@ -350,3 +351,21 @@ def test_springs_that_cannot_stand_together_are_represented_by_the_nearest_draw(
     draws = PosteriorDraws(flat, flat[:, :3], "", 0, 20.0)
     found = updater._inference._representative(draws, peak=np.ones(3))
     assert found == pytest.approx([0.72, 0.80, 1.0])  # at 1.1 σ; the last two at 3.3 σ of k12
+
+
+@pytest.mark.parametrize(("varied", "n_unknown"), [(False, 0), (True, 0), (False, 1)])
+def test_how_modes_follow_the_water_is_computed_only_where_it_may_have_moved(varied, n_unknown):
+    """A hundred solutions of the structure are spared where every window knows one level."""
+    asked = []
+    fit = SimpleNamespace(
+        coordinates=SimpleNamespace(slopes=lambda u: np.eye(3), nominal=np.ones(3)),
+        partners_in_water=lambda u, comparison: asked.append(u) or [],
+    )
+    modes = SimpleNamespace(log_frequency_slopes=np.zeros((0, 3)))
+    peak = SimpleNamespace(u=np.zeros(3), comparison=SimpleNamespace(linearisation=modes, used=[]))
+    evidence = SimpleNamespace(
+        level_varied=varied, n_unknown_levels=n_unknown, one_a_track=lambda identified: set()
+    )
+    found = SimpleNamespace(best=SimpleNamespace(fit=fit, peak=peak), evidence=evidence)
+    assert _joint_sensitivities(found, []) == ()
+    assert bool(asked) is (varied or n_unknown > 0)

@@ -40,6 +40,13 @@ def views(part: Any) -> Iterator[Any]:
         yield from views(each)
 
 
+def containers(part: Any) -> Iterator[Any]:
+    if isinstance(part, rrb.Container):
+        yield part
+        for each in part.contents:
+            yield from containers(each)
+
+
 @pytest.mark.parametrize("span_ns", [None, (1, 3)])
 def test_views_are_read_as_they_were_written(span_ns: tuple[int, int] | None):
     written = replace(session_views(PARAMETERS, MODES_ONLY), span_ns=span_ns)
@@ -58,15 +65,20 @@ def test_a_narrow_screen_shows_what_a_wide_one_does(shown: tuple[ViewParameters,
 
 
 def test_on_a_narrow_screen_nothing_stands_side_by_side_but_small_plots():
-    def containers(part: Any) -> Iterator[Any]:
-        if isinstance(part, rrb.Container):
-            yield part
-            for each in part.contents:
-                yield from containers(each)
-
     root = session_views(PARAMETERS).blueprint(narrow=True).root_container
     assert not [one for one in containers(root) if isinstance(one, rrb.Horizontal)]
     assert all(len(str(view.name)) <= LONGEST_TITLE for view in views(root))
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_a_session_opens_with_its_first_tabs_and_every_part_of_a_row_has_its_share(narrow: bool):
+    shown = (PARAMETERS, replace(MODES_ONLY, turbine="t2"))
+    root = session_views(*shown).blueprint(narrow=narrow).root_container
+    for each in containers(root):
+        if isinstance(each, rrb.Tabs):
+            assert each.active_tab in (None, 0)
+        for shares in (each.row_shares, each.column_shares):
+            assert shares is None or len(shares) == len(each.contents)
 
 
 def test_every_shape_of_a_narrow_screen_is_in_one_row():

@@ -150,3 +150,22 @@ def test_a_kill_while_the_files_are_begun_brings_no_message_twice(tmp_path: Path
 
     _, messages = journal(tmp_path)[0].resumed()
     assert [payload for _, payload in messages] == [b"0", b"1", b"2"]
+
+
+@pytest.mark.parametrize(("published", "kept"), [(0.85, [0, 1, 2]), (0.9, [1, 2])])
+def test_a_message_is_kept_until_its_last_sample_is_published(
+    tmp_path: Path, published: float, kept: list[int]
+) -> None:
+    """Ten samples at 10 Hz: the last is .9 s behind the first. A new file begins after seconds."""
+    clock = Clock()
+    journalled, position = journal(tmp_path, clock)
+    for number in range(3):
+        clock.now = 3.0 * number
+        if number == 2:
+            position.published(100 * NANOSECONDS, round((100 + published) * NANOSECONDS), 1e8)
+        journalled.keep("t", b"%d" % number)
+        journalled.taken(piece(100 + number))
+        journalled.taken(None)
+    journalled.close()
+    again, _ = journal(tmp_path)
+    assert [int(payload) for _, payload in again.resumed()[1]] == kept

@@ -1,11 +1,21 @@
 """Samples of files become blocks and sessions."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
-from sensors.files.block_builder import RESTART_SILENCE, BlockCutter, StampedSamples, moment
+from sensors.files.block_builder import (
+    RESTART_SILENCE,
+    BlockCutter,
+    MeasurementFile,
+    StampedSamples,
+    moment,
+    stamp_samples,
+)
+from sensors.files.table import ChannelTable, FileError
 
 RATE = 40.0  # [Hz]
 START = 1_700_000_000 * NANOSECONDS
@@ -52,3 +62,57 @@ def test_the_end_of_a_file_loses_no_sample() -> None:
 )
 def test_a_time_in_a_message_has_milliseconds(time_ns: int, text: str) -> None:
     assert moment(time_ns) == text
+
+
+FILES = [
+    MeasurementFile(Path(name), None, ("ax",), ("",), None, START) for name in ("a.csv", "b.csv")
+]
+
+
+def table(
+    start_ns: int, times: list[float] | None, samples: list[float] | None = None
+) -> ChannelTable:
+    values = np.array(samples or [1.0] * len(times or ()))[:, None]
+    stamps = None if times is None else np.array(times)
+    return ChannelTable(("ax",), ("",), values, stamps, start_ns)
+
+
+def test_samples_without_stamps_are_counted_through_a_file_and_anew_in_the_next() -> None:
+    chunks = [(0, table(START, None, [1.0] * 3)), (0, table(START, None, [1.0] * 2))]
+    later = START + NANOSECONDS
+    stamped = list(stamp_samples(FILES, [*chunks, (1, table(later, None, [1.0]))], RATE))
+    since = [list((each.times_ns - START) / NANOSECONDS * RATE) for each in stamped]
+    assert since == [[0, 1, 2], [3, 4], [RATE]]
+
+
+def test_a_row_without_any_number_is_missing_and_nothing_else_is() -> None:
+    chunk = table(START, [0.0, 0.1, 0.2], [1.0, np.nan, 3.0])
+    (stamped,) = stamp_samples(FILES, [(0, chunk)], RATE)
+    assert list(stamped.samples[:, 0]) == [1.0, 3.0]
+    assert list(stamped.times_ns - START) == [0, 200_000_000]
+    assert list(stamp_samples(FILES, [(0, table(START, [0.0], [np.nan]))], RATE)) == []
+
+
+@pytest.mark.parametrize(
+    ("chunks", "reason"),
+    [
+        (
+            [(0, table(START, [0.0, 0.1, 0.1]))],
+            "a.csv: time stands still or goes back at .*13:20.1",
+        ),
+        ([(0, table(START, [0.0, 0.2, 0.1]))], "goes back at 2023-11-14 22:13:20.100"),
+        ([(0, table(START, [0.0])), (0, table(START, [0.0]))], "a.csv: time stands still"),
+        ([(0, table(START, [0.0])), (1, table(START, [0.0]))], "b.csv begins at .*before a.csv"),
+        ([(0, table(0, [-1.0]))], "a.csv begins at -1.000 s, before 1970"),
+    ],
+)
+def test_time_that_does_not_rise_is_refused_with_the_moment(
+    chunks: list[tuple[int, ChannelTable]], reason: str
+) -> None:
+    with pytest.raises(FileError, match=reason):
+        list(stamp_samples(FILES, chunks, RATE))
+
+
+def test_time_may_rise_by_a_nanosecond_and_begin_with_1970() -> None:
+    step = [(0, table(0, [0.0])), (1, table(1, [0.0]))]
+    assert [int(each.times_ns[0]) for each in stamp_samples(FILES, step, RATE)] == [0, 1]

@@ -1,5 +1,6 @@
 """The assembled structure: what it weighs, how it stands, and uniform towers in closed form."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from sensors.structure.assembly import added_mass, assemble, wetted_share
-from sensors.structure.components import RigidBody, Water
+from sensors.structure.components import PointMass, RigidBody, Water
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 from sensors.structure.rotor_nacelle import blade_axes, rigid_bodies
@@ -25,6 +26,17 @@ def frequencies(turbine: TurbineDescription, **assembly: object) -> np.ndarray:
     model = assemble(turbine, **assembly)  # type: ignore[arg-type]
     flexibilities = eigh(model.mass, model.stiffness, eigvals_only=True)  # low modes keep digits
     return 1 / (2 * np.pi * np.sqrt(flexibilities[::-1]))
+
+
+def turbine_with_point_masses() -> TurbineDescription:
+    """The parked turbine with a mass where two tubes meet and one in the middle of a tube."""
+    turbine = parked_turbine()
+    meeting, held = turbine.tubes[3].top, turbine.tubes[7]
+    masses = (
+        PointMass("transition piece", meeting, 80e3),
+        PointMass("platform", (held.bottom + held.top) / 2, 50e3),
+    )
+    return replace(turbine, point_masses=masses)
 
 
 def rigid_motion(
@@ -66,6 +78,9 @@ def rigid_kinetic_energy(
         energy = tube.mass_per_length * (u**2).sum(axis=1) + wet * (u[:, :2] ** 2).sum(axis=1)
         energy += 2 * tube.density * tube.second_moment * rotation[2] ** 2
         total += energy.mean() * tube.length
+    for point in turbine.point_masses:
+        u = moved(np.array([0, 0, point.elevation]))
+        total += point.mass * (u @ u)
     top = np.array([0, 0, turbine.tower_top])
     for body in rigid_bodies(turbine.rotor_nacelle):
         u = moved(top + body.centre)
@@ -83,8 +98,11 @@ def rigid_kinetic_energy(
 
 
 @pytest.mark.parametrize("direction", range(6))
-def test_a_rigid_motion_has_the_kinetic_energy_of_all_the_parts(direction: int) -> None:
-    turbine = parked_turbine()
+@pytest.mark.parametrize("described", [parked_turbine, turbine_with_point_masses])
+def test_a_rigid_motion_has_the_kinetic_energy_of_all_the_parts(
+    described: Callable[[], TurbineDescription], direction: int
+) -> None:
+    turbine = described()
     translation, rotation = np.zeros(3), np.zeros(3)
     (translation if direction < 3 else rotation)[direction % 3] = 1.0
     model = assemble(turbine)
@@ -111,8 +129,11 @@ def test_without_gravity_and_springs_nothing_resists_a_rigid_motion(direction: i
     assert np.abs(force).max() < 1e-11 * np.abs(model.stiffness).max() * np.abs(motion).max()
 
 
-def test_gravity_tips_the_whole_like_an_inverted_pendulum() -> None:
-    turbine = parked_turbine()
+@pytest.mark.parametrize("described", [parked_turbine, turbine_with_point_masses])
+def test_gravity_tips_the_whole_like_an_inverted_pendulum(
+    described: Callable[[], TurbineDescription],
+) -> None:
+    turbine = described()
     assert turbine.blades is not None
     model = assemble(turbine)
     about_mudline = rigid_motion(
@@ -122,6 +143,7 @@ def test_gravity_tips_the_whole_like_an_inverted_pendulum() -> None:
         tube.mass_per_length * tube.length * ((tube.bottom + tube.top) / 2 - turbine.mudline)
         for tube in turbine.tubes
     )
+    moment += sum(m.mass * (m.elevation - turbine.mudline) for m in turbine.point_masses)
     height = turbine.tower_top - turbine.mudline
     moment += sum(b.mass * (height + b.centre[2]) for b in rigid_bodies(turbine.rotor_nacelle))
     for number in range(turbine.blades.number):

@@ -1,13 +1,15 @@
 """Descriptions of turbines: what ships, a user's own, and mistakes in it."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
 from sensors.structure.assembly import assemble
-from sensors.structure.components import Water
+from sensors.structure.components import PointMass, Water
 from sensors.structure.description import (
     TurbineDescription,
     load_turbine,
@@ -180,3 +182,48 @@ def test_a_turbine_without_tubes_is_refused() -> None:
     foundation = parked_turbine().foundation
     with pytest.raises(TurbineError, match="tubes: at least one element is needed"):
         TurbineDescription(name="none", tubes=(), foundation=foundation)
+
+
+TURBINE = parked_turbine()
+TUBE, WATER, SPRINGS = TURBINE.tubes[0], TURBINE.water, TURBINE.foundation
+NACELLE, BODY = TURBINE.rotor_nacelle, TURBINE.rotor_nacelle.bodies[0]
+MASS = PointMass("platform", 15.0, 1e4)
+COUPLED = (SPRINGS.k11 * SPRINGS.k22) ** 0.5  # k12 of springs that carry no load [N/rad]
+
+
+@pytest.mark.parametrize(
+    ("component", "figure", "taken", "refused"),
+    [
+        (TUBE, "bottom", TUBE.top - 1e-3, TUBE.top),
+        (TUBE, "thickness", TUBE.diameter / 2, TUBE.diameter / 2 + 1e-6),
+        (TUBE, "thickness", 1e-6, 0.0),
+        (TUBE, "youngs_modulus", 1.0, 0.0),
+        (TUBE, "density", 1e-3, 0.0),
+        (TUBE, "poisson_ratio", 0.499, 0.5),
+        (TUBE, "poisson_ratio", -0.999, -1.0),
+        (TUBE, "attached_mass", 0.0, -1e-3),
+        (SPRINGS, "k12", 0.999999 * COUPLED, 1.000001 * COUPLED),
+        (SPRINGS, "k12", 0.0, -1.0),
+        (SPRINGS, "embedded_length", 0.0, -1e-3),
+        (WATER, "density", 0.0, -1e-3),
+        (WATER, "added_mass_coefficient", 0.0, -1e-3),
+        (WATER, "growth", 0.0, -1e-3),
+        (WATER, "growth_density", 0.0, -1e-3),
+        (NACELLE, "hub_mass", 0.0, -1e-3),
+        (NACELLE, "hub_inertia", 0.0, -1e-3),
+        (BODY, "mass", 0.0, -1e-3),
+        (MASS, "mass", 0.0, -1e-3),
+        (TURBINE.blades, "number", 1, 0),
+        (TURBINE.blades, "modes_per_element", 3, 4),
+        (TURBINE.blades, "modes_per_element", 0, -1),
+        (TURBINE, "gravity", 0.0, -1e-3),
+        (TURBINE, "transition", TURBINE.tower_top, TURBINE.tower_top + 1e-3),
+        (TURBINE, "transition", TURBINE.mudline, TURBINE.mudline - 1e-3),
+    ],
+)
+def test_a_figure_of_a_component_is_taken_at_its_limit_and_refused_beyond(
+    component: Any, figure: str, taken: float, refused: float
+) -> None:
+    replace(component, **{figure: taken})
+    with pytest.raises(TurbineError):
+        replace(component, **{figure: refused})

@@ -72,3 +72,11 @@ def test_a_unit_of_long_blocks_still_sends_while_another_one_sends_many(lasts: i
     pushed(session, [sent("a", lasts, lasts=lasts)])
     pushed(session, [sent("b", lasts + each, stamped=-1000.0) for each in range(lasts)])
     assert not session.has_lost_time
+
+
+def test_a_unit_that_was_left_out_and_boots_after_a_restart_is_taken_again() -> None:
+    session = joined("a", "b")
+    session.resume({"window": 0, "grid": None, "out": ["b"]}, {})
+    assert session.state()["out"] == ["b"]
+    pushed(session, [sent("b", 0)])
+    assert session.state()["out"] == []

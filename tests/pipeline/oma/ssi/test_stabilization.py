@@ -112,3 +112,20 @@ def test_poles_have_the_spread_of_damping_that_they_differ_by() -> None:
     ratios = np.where(np.arange(20) % 2 == 0, 0.01, 0.014)
     (apart,) = clusters(replace(poles, damping_ratios=ratios), n_orders=20, minimum_presence=0.5)
     assert apart.damping_spread == pytest.approx(0.004 / np.sqrt(2))
+
+
+@pytest.mark.parametrize("beside", [0.997, 1.003])
+def test_of_two_poles_of_one_order_the_one_nearer_to_the_mode_is_its_member(beside: float) -> None:
+    """Ten orders have a pole at 1 Hz; five of them another one .3 % beside it, as sharp."""
+    poles = cloud([1.0] * 10 + [beside] * 5, [2e-3] * 15, [ALONG] * 15)
+    poles = replace(poles, orders=np.r_[np.arange(10), np.arange(5)])
+    (mode,) = clusters(poles, n_orders=10, minimum_presence=0.6)
+    assert sorted(mode.members) == list(range(10))
+    assert mode.presence == 1.0
+
+
+def test_a_mode_is_kept_from_the_least_number_of_orders_on() -> None:
+    for n_seen, n_modes in ((4, 1), (3, 0)):
+        poles = cloud([1.0] * n_seen, [1e-3] * n_seen, [ALONG] * n_seen)
+        assert len(clusters(poles, n_orders=10, minimum_presence=0.4)) == n_modes
+    assert clusters(cloud([1.0], [1e-3], [ALONG]), n_orders=1, minimum_presence=0.4) == []

@@ -8,7 +8,14 @@ import pytest
 from pipeline.messages import Mode, RefusedMode
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.whittle.lone_modes import borne_out, by_its_lines, sharpened
+from pipeline.oma.whittle.lone_modes import (
+    ALONE_LINES,
+    ALONE_WIDTHS,
+    _worth_a_fit,
+    borne_out,
+    by_its_lines,
+    sharpened,
+)
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
 from sensors.arrays import FloatArray
 from tests.benchmarks.close_modes import ambient
@@ -133,3 +140,14 @@ def test_lines_do_not_widen_modes_whose_channels_have_phases_of_their_own() -> N
             for mode, true in zip(modes, damping, strict=True)
         ]
     assert max(errors) < 3.0
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_vague_mode_is_fitted_alone_only_where_no_other_one_is_near(side: int) -> None:
+    spectrum, vague = lines([TRUE_F], [SHAPE], seed=2), pole(TRUE_F, std=0.02)
+    clear = ALONE_WIDTHS * TRUE_ZETA * TRUE_F + ALONE_LINES / spectrum.duration
+    near, far = (pole(TRUE_F + side * share * clear, std=0.001) for share in (0.9, 5.0))
+    assert _worth_a_fit(vague, [], spectrum)
+    assert _worth_a_fit(vague, [far], spectrum)
+    assert not _worth_a_fit(vague, [far, near], spectrum)
+    assert not _worth_a_fit(pole(TRUE_F, std=1e-4), [], spectrum)

@@ -6,9 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pipeline.messages import StiffnessChange
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
 from pipeline.updating.change.event_message import (
     TrackSensitivity,
+    _sentence,
     _stiffness_changes,
     measured_half_way,
     sensitivities_of,
@@ -106,3 +108,36 @@ def test_a_change_is_a_share_of_the_spring_before_it_with_its_90_percent_interva
         assert each.median == pytest.approx(centre)
         assert [each.p05, each.p95] == pytest.approx([centre - reach, centre + reach], rel=1e-3)
     assert [each.name for each in found] == ["k11", "k22", "k12"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        ("foundation", "the foundation has changed {since}: k22 -9.0% (-12.0% to -6.0%)"),
+        (
+            "modal-drift",
+            "the modes have changed {since}, in a way that no foundation explains; most of all the "
+            "one at 1.1 Hz, by -1.20%",
+        ),
+        (
+            "modes",
+            "the modes have changed {since}, most of all the one at 1.1 Hz, by -1.20%; that it was "
+            "the foundation has a probability of 0.35, and would then be k22 -9.0% (-12.0% to "
+            "-6.0%)",
+        ),
+    ],
+)
+def test_an_event_is_a_sentence_with_its_time_its_probability_and_its_size(kind, text):
+    """Of three modes one moved by ten and one by two of its std; one was not seen."""
+    change = SimpleNamespace(
+        kind=kind,
+        foundation_probability=0.351,
+        shifts=np.log1p([-0.012, 0.002, np.nan]),
+        shift_stds=np.array([0.0012, 0.001, 0.001]),
+        log_frequencies=np.log([1.1, 2.57, 3.0]),
+    )
+    size = StiffnessChange("k22", -0.09, -0.12, -0.06, -0.09, 0.02)
+    window = SimpleNamespace(end_ns=int(7200e9), window=12)
+    since = "since about 90 min before the end of window 12 with probability 0.998"
+    found = _sentence(change, [size], SimpleNamespace(probability=0.998), window, int(1800e9))
+    assert found == text.format(since=since)

@@ -20,6 +20,7 @@ from pipeline.viewer.outputs.outputs import (
     ViewerError,
     WebPage,
     parse_view,
+    prepare_rerun,
 )
 from pipeline.viewer.viewer_node import Viewer
 from tests.pipeline.viewer.session import DESCRIPTION
@@ -126,6 +127,24 @@ Viewer([output], DESCRIPTION, session="x").close()
     assert delays
     assert {each.strip() for each in delays} == {"0"}
     assert "WARN" not in ran.stdout + ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("outputs", "quiet"),
+    [
+        ([RrdFile(Path("a.rrd"), indexed=False)], True),
+        ([RrdFile(Path("a.rrd"), indexed=False), SpawnedViewer()], True),
+        ([RrdFile(Path("a.rrd")), SpawnedViewer()], False),
+        ([], False),
+    ],
+)
+def test_rerun_is_told_of_a_file_without_an_index_beside_any_other_output(
+    outputs: list[RrdFile | SpawnedViewer], quiet: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "environ", environment := {"MIMALLOC_PURGE_DELAY": "7"})
+    prepare_rerun(outputs)
+    assert environment["MIMALLOC_PURGE_DELAY"] == "7"  # what the environment sets stays
+    assert ("RUST_LOG" in environment) is quiet
 
 
 def test_a_viewer_is_sought_on_the_machine_that_is_named() -> None:

@@ -6,6 +6,7 @@ noted.
 
 import logging
 import socket
+import struct
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -14,7 +15,11 @@ import pytest
 
 from pipeline.messages import FoundationPosterior, FoundationTruth, Message, ModalEstimate
 from pipeline.viewer.outputs.outputs import ViewerError
-from pipeline.viewer.outputs.reconnecting_viewer import ReconnectingViewer, RememberedResults
+from pipeline.viewer.outputs.reconnecting_viewer import (
+    ReconnectingViewer,
+    RememberedResults,
+    ViewerProbe,
+)
 from pipeline.viewer.outputs.viewer_process import free_port, proxy_address
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -168,3 +173,16 @@ def test_the_past_is_bounded_and_holds_no_blocks():
     assert not any(isinstance(message, AccelerationBlock) for message in kept)
     assert sum(isinstance(message, RESULTS) for message in kept) <= 3
     assert any(isinstance(message, SensorLayout) for message in kept)
+
+
+@pytest.mark.parametrize("is_reset", [False, True])
+def test_a_viewer_is_up_until_it_closes_its_connection_or_resets_it(is_reset: bool) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        probe = ViewerProbe(proxy_address(listening.getsockname()[1]))
+        viewer, _ = listening.accept()
+        with closing(probe):
+            assert probe.is_up()
+            if is_reset:  # closed without a farewell, as a process that is killed
+                viewer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            viewer.close()
+            assert not probe.is_up()

@@ -1,0 +1,92 @@
+"""A measurement of the library: times, parts, tables, by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pilewatch._own_packages import require_own_packages
+from pilewatch.measurement import Measurement, measurement_of
+
+SAMPLES = np.arange(10.0).reshape(5, 2)
+BARE = Measurement(SAMPLES, 2.0, ("a", "b"), ("g", ""))
+START_NS = 1_700_000_000_500_000_000
+
+
+def dated(start_ns: int = START_NS) -> Measurement:
+    stamps = np.array([0.0, 0.5, 1.0, 3.0, 3.5])  # a gap
+    speed = np.arange(5.0)
+    return Measurement(
+        SAMPLES, 2.0, ("a", "b"), ("", ""), start_ns, rotor_speed=speed, stamps=stamps
+    )
+
+
+def test_what_is_not_stated_of_a_measurement_is_not_known() -> None:
+    assert (BARE.start_ns, BARE.layout, BARE.quantities, BARE.rotor_speed) == (0, None, None, None)
+    assert list(BARE.times) == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert BARE.duration == 2.5
+    assert repr(BARE) == "<Measurement: 2 channels, 2.5 s at 2 Hz>"
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "rows"),
+    [(0.0, 1.0, [0, 1]), (0.5, 1.5, [1, 2]), (0.74, 1.26, [1, 2]), (1.0, 9.0, [2, 3, 4])],
+)
+def test_a_part_has_the_samples_nearest_to_its_ends_and_counts_from_its_own_first(
+    start: float, end: float, rows: list[int]
+) -> None:
+    part = dated().between(start, end)
+    assert np.array_equal(part.samples, SAMPLES[rows])
+    assert part.rotor_speed is not None
+    assert list(part.rotor_speed) == rows
+    began = dated().times[rows[0]]
+    assert list(part.times) == list(dated().times[rows] - began)
+    assert part.start_ns == START_NS + began * 1e9
+
+
+def test_a_table_is_indexed_by_date_where_the_start_is_known_and_by_seconds_where_not() -> None:
+    pytest.importorskip("pandas")
+    index = dated().to_dataframe().index
+    assert str(index[0]) == "2023-11-14 22:13:20.500000+00:00"
+    assert str(index[3]) == "2023-11-14 22:13:23.500000+00:00"
+    assert list(BARE.to_dataframe().index) == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert list(BARE.to_dataframe().columns) == ["a", "b"]
+
+
+def test_a_plot_has_an_axis_a_channel_with_its_unit_where_it_has_one() -> None:
+    pytest.importorskip("matplotlib.pyplot").switch_backend("agg")
+    axes = BARE.plot()
+    assert [axis.get_ylabel() for axis in axes] == ["a\n[g]", "b"]
+    assert [axis.get_xlabel() for axis in axes] == ["", "time [s]"]
+    assert np.array_equal(
+        axes[1].lines[0].get_xydata(), np.column_stack([BARE.times, SAMPLES[:, 1]])
+    )
+
+
+def test_channels_of_an_array_are_numbered_from_one() -> None:
+    made = measurement_of(SAMPLES, 2.0, None, None)
+    assert made.channels == ("ch1", "ch2")
+    assert made.units == ("", "")
+    assert (made.start_ns, made.sampling_rate) == (0, 2.0)
+    assert measurement_of(SAMPLES, 2.0, ["x", "y"], None).channels == ("x", "y")
+
+
+@pytest.mark.parametrize(("places", "ours"), [(["own", "other"], True), (["other"], False)])
+def test_a_folder_that_hides_the_packages_is_refused_and_one_beside_them_is_not(
+    tmp_path_factory: pytest.TempPathFactory,
+    monkeypatch: pytest.MonkeyPatch,
+    places: list[str],
+    ours: bool,
+) -> None:
+    """A package that lies in several folders, as an editable installation makes them."""
+    folder = tmp_path_factory.mktemp("packages")
+    for name in ("own", "other"):
+        (folder / name).mkdir()
+    for module in ("streams.py", "arrays.py"):
+        (folder / "own" / module).touch()
+    found = SimpleNamespace(submodule_search_locations=[str(folder / each) for each in places])
+    monkeypatch.setattr("pilewatch._own_packages.find_spec", lambda name: found)
+    if ours:
+        require_own_packages()
+    else:
+        with pytest.raises(ImportError, match=r"other hides pilewatch's own package 'pipeline'"):
+            require_own_packages()
