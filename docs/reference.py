@@ -470,7 +470,7 @@ EXPORT = """`pilewatch export out --csv -o tables`, or `--parquet`, writes a fil
 recording or the session's folder has; a kind without rows has no file.
 
 - **CSV**: a header row, then UTF-8 text with commas. Times are `2026-01-01 00:10:00.000000000Z`, in
-  UTC. What is not known is an empty cell or `nan`. A text that a spreadsheet may take for a formula
+  UTC; truth values `true` and `false`. What is not known is an empty cell or `nan`. A text that a spreadsheet may take for a formula
   has a `'` in front.
 - **Parquet**: the same columns under the same names, times as timestamps of nanoseconds in UTC, with
   types of their own. `reprocess` writes the same tables in folders by turbine and month.
@@ -549,7 +549,7 @@ EXPORT_COLUMNS = {
     "correlation_k22_k12": "Likewise.",
     "sampler": "`laplace`, `importance`, `emcee`, …",
     "ess": "Smallest effective number of draws over the parameters.",
-    "rhat": "Largest split-R̂ over the parameters; `nan`: there are no chains.",
+    "rhat": "Largest split-R̂ over the parameters; `nan` with `laplace`.",
     "reduced_chi_square": "Of the paired frequencies at σ = 0.",
     "paired_share": "Share of the identified modes that have a model mode.",
     "pairing_cost": "Mean pairing cost of an identified mode.",
@@ -565,7 +565,10 @@ EXPORT_COLUMNS = {
     "p05": "5 % quantile [in `unit`].",
     "p95": "95 % quantile [in `unit`].",
     "contraction": "1 − width of the interval over the prior's; 0: nothing was learned.",
-    "identified": "Name of the identified mode, as `mode` of `modes`.",
+    "identified": (
+        "Name of the identified mode, as `mode` of `modes`; `m1+m2`: the mean of two that cannot be "
+        "separated."
+    ),
     "model": "Label of the model mode.",
     "pairs.frequency": "Identified frequency.",
     "model_frequency": "The model's, at the median of the posterior.",
