@@ -559,15 +559,15 @@ EXPORT_COLUMNS = {
         "([the checks](../theory.md#when-a-posterior-is-not-to-be-trusted))."
     ),
     "doubts": "Its warnings, `code: text`, apart by `; `; empty: none.",
-    "figure": "Key of the parameter, such as `steel_modulus`, or a sensor's.",
+    "figure": "Key of the parameter, such as `steel_modulus`; of sensors `gain NAME`, `height 41 m`.",
     "figures.unit": "Unit of the parameter, and of the next three columns.",
     "median": "Median [in `unit`].",
     "p05": "5 % quantile [in `unit`].",
     "p95": "95 % quantile [in `unit`].",
     "contraction": "1 − width of the interval over the prior's; 0: nothing was learned.",
     "identified": (
-        "Name of the identified mode, as `mode` of `modes`; `m1+m2`: the mean of two that cannot be "
-        "separated."
+        "Name of the identified mode, as `mode` of `modes`; `m1+m2`: the mean of two that cannot "
+        "be separated."
     ),
     "model": "Label of the model mode.",
     "pairs.frequency": "Identified frequency.",
