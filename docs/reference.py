@@ -559,7 +559,7 @@ EXPORT_COLUMNS = {
         "([the checks](../theory.md#when-a-posterior-is-not-to-be-trusted))."
     ),
     "doubts": "Its warnings, `code: text`, apart by `; `; empty: none.",
-    "figure": "Key of the parameter, such as `steel_modulus`; of sensors `gain NAME`, `height 41 m`.",
+    "figure": "Key of the parameter, such as `steel_modulus`; of a sensor `gain NAME` or alike.",
     "figures.unit": "Unit of the parameter, and of the next three columns.",
     "median": "Median [in `unit`].",
     "p05": "5 % quantile [in `unit`].",
