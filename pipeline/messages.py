@@ -300,7 +300,8 @@ class FoundationPosterior:
     n_windows: int  # windows that entered
     parameters: tuple[ParameterSummary, ...]  # k11, k22, k12, sigma
     correlation: FloatArray  # (3, 3) of k11, k22, k12 [-]
-    draws: FloatArray  # (n_draws, 4), n_draws <= 1000: k11 [N/m], k22 [N·m/rad], k12 [N], σ [-]
+    draws: FloatArray
+    """(n_draws, 4), at most 1000 of the draws: k11 [N/m], k22 [N·m/rad], k12 [N/rad], σ [-]."""
     pairs: tuple[ModePair, ...]
     model_labels: tuple[str, ...]  # of every model mode the sensors can see
     model_frequencies: FloatArray  # (n_labels,) at the median [Hz]
@@ -314,7 +315,7 @@ class FoundationPosterior:
     pairing_cost: float  # mean cost per identified mode [-]
     trusted: bool = True  # False: published, but the data contradict the model
     warnings: tuple[QualityWarning, ...] = ()
-    population: str = ""  # the farm's prior that it began with; "" for the uniform one
+    population: str = ""  # the farm's prior that it began with; "": that of a turbine alone
     figures: tuple[ParameterSummary, ...] = ()  # of the structure that are uncertain as well
     change_probability: float = 0.0  # that the modes have changed since the last event [-]
     structure: str = ""  # "exact", "uncertain"; "" in messages from before there was a choice

@@ -114,7 +114,7 @@ def test_every_picture_and_page_that_is_named_exists(page: Path) -> None:
     links = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))
     local = [link for link in links if "://" not in link]
     notebooks = (ROOT / "docs" / "notebooks").glob("*.ipynb")
-    names = ("commands", "scenario", "description", "layout", "notices", "mapping")
+    names = ("commands", "scenario", "description", "layout", "notices", "mapping", "export")
     generated = {f"reference/{name}.md" for name in names}
     generated |= {f"notebooks/{path.stem}.md" for path in notebooks}
     assert [x for x in local if not (page.parent / x).is_file() and x not in generated] == []

@@ -24,7 +24,7 @@ BEGIN, END = (
 )
 README, PAGE = ROOT / "README.md", ROOT / "docs" / "pages" / "accuracy.md"
 LEGEND = (
-    "* a definition in the code behind the figure is newer than the measurement; comments, "
+    "\\* a definition in the code behind the figure is newer than the measurement; comments, "
     "docstrings, messages and the module that it stands in do not count. Results, with seeds, "
     "commit and machine: `tests/benchmarks/results`."
 )

@@ -5,6 +5,7 @@ from types import ModuleType
 
 import pytest
 
+from pipeline.export.results import RESULT_TABLES
 from pipeline.monitoring.alarms.settings import AlarmSettings
 from pipeline.scenario import Scenario
 from pipeline.updating.structural.settings import KNOWN
@@ -85,3 +86,24 @@ def test_every_field_of_a_message_has_its_meaning(reference: ModuleType) -> None
 def test_a_comment_that_goes_on_below_its_field_is_whole(reference: ModuleType) -> None:
     meaning = reference.field_meanings(TurbineDescription)["transition"]
     assert meaning.endswith("sits; None: no such place is known [m]")
+
+
+def test_every_file_and_column_of_an_export_is_named_as_it_is_in_the_file(
+    reference: ModuleType,
+) -> None:
+    text = reference.pages()["reference/export.md"]
+    for table in RESULT_TABLES:
+        rows = text.split(f"## {table.name}.csv, ")[1].split("\n## ")[0]
+        assert [name for name in table.schema.names if f"| `{name}` |" not in rows] == []
+
+
+def test_meanings_are_of_columns_that_an_export_has(reference: ModuleType) -> None:
+    used = set()
+    for table in RESULT_TABLES:
+        for title in table.schema.names:
+            name, _ = reference.column_parts(title)
+            own = f"{table.name}.{name}"
+            in_any = reference.SPRING.sub("k", name)
+            used.add(own if own in reference.EXPORT_COLUMNS else in_any)
+    assert set(reference.EXPORT_COLUMNS) - used == set()
+    assert {table.name for table in RESULT_TABLES} == set(reference.EXPORT_ROWS)
