@@ -76,8 +76,10 @@ def decoded_checkpoint(
         )
         _check_owner(written, owner, origin)
         state: S = _value(tree["state"], state_type, _Arrays(blob))
+    except CheckpointError:
+        raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise CheckpointError(f"{origin} is damaged: {error}") from error
+        raise CheckpointError(f"{origin} is damaged: {error}; start with --fresh") from error
     return state
 
 
@@ -108,7 +110,8 @@ def _check_owner(written: CheckpointOwner, asking: CheckpointOwner, origin: str)
         if theirs != ours:
             word = "nominal springs" if name == "nominal" else name
             raise CheckpointError(
-                f"{origin} is of {word} {_listed(theirs)}{unit}, not of {_listed(ours)}{unit}"
+                f"{origin} is of {word} {_listed(theirs)}{unit}, not of {_listed(ours)}{unit}; "
+                "start with --fresh"
             )
 
 
