@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from contextlib import closing
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -51,10 +52,12 @@ def test_the_examples_that_read_a_session_run(
     (tmp_path / "out").mkdir()
     recorded(tmp_path / "out" / "session.mcap", session())
     monkeypatch.chdir(tmp_path)
-    *_, notebook_example = code_blocks("python", PAGES / "library.md")
+    *_, plots_example, tables_example = code_blocks("python", PAGES / "library.md")
     (design_example,) = code_blocks("python", PAGES / "your-turbine.md")
-    for example in (notebook_example, design_example):
+    for example in (plots_example, design_example):
         exec(compile(example, "page", "exec"), {})
+    if all(find_spec(package) for package in ("pandas", "xarray", "arviz")):
+        exec(compile(plots_example + tables_example, "page", "exec"), {})
     pyplot.close("all")
     assert "of 400 draws count" in capsys.readouterr().out
 
