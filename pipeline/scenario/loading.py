@@ -2,6 +2,7 @@
 
 import json
 import logging
+import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -104,6 +105,27 @@ def modes_only(turbine: str) -> Scenario:
     before, after = toml_string(scenario.turbine.id), toml_string(turbine)
     text = scenario.text.replace(f"id = {before}", f"id = {after}")
     return replace(scenario_from_text(text, f"{MODES_ONLY}.toml"), origin=MODES_ONLY)
+
+
+def require_stated_structure(scenario: Scenario) -> Scenario:
+    """Return the scenario of a turbine that is measured. The reference turbine, which simulations
+    have by default, is never assumed of one.
+
+    Raises
+    ------
+    ScenarioError
+        If its text leaves open whose structure is measured.
+    """
+    turbine = tomllib.loads(scenario.text).get("turbine", {}) if scenario.text else None
+    members = scenario.farm.members
+    by_member = bool(members) and all(member.description for member in members)
+    if turbine is not None and "description" not in turbine and not by_member:
+        raise ScenarioError(
+            f"{scenario.origin} does not say which structure is measured, and none is assumed: "
+            f'[turbine] description = "FILE.toml" or "{SHIPPED[0]}"; "{NO_STRUCTURE}" to track '
+            "modes alone"
+        )
+    return scenario
 
 
 def with_overrides(

@@ -168,7 +168,7 @@ def feed_source(
     LayoutError
     ScenarioError
     """
-    from pipeline.scenario import load_scenario, modes_only
+    from pipeline.scenario import load_scenario, modes_only, require_stated_structure
     from pipeline.sources.sources import Source, report_modes_only
 
     channels = channels_of(address, layout, scenario)
@@ -177,7 +177,9 @@ def feed_source(
         raise FeedError(f"{address} measures no accelerations; run `pilewatch feed {address}`")
     if scenario is None:
         report_modes_only(address)
-    chosen = modes_only(channels.turbine) if scenario is None else load_scenario(scenario)
+        chosen = modes_only(channels.turbine)
+    else:
+        chosen = require_stated_structure(load_scenario(scenario))
     return Source(address, chosen, sensor_layout(channels), truth=None, duration=None, feed=live)
 
 

@@ -12,7 +12,13 @@ from pathlib import Path
 
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, whole_recording
 from pipeline.runtime.source_feed import with_end
-from pipeline.scenario import Scenario, load_scenario, modes_only, scenario_metadata
+from pipeline.scenario import (
+    Scenario,
+    load_scenario,
+    modes_only,
+    require_stated_structure,
+    scenario_metadata,
+)
 from pipeline.sources.sources import COMPACT
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -196,11 +202,16 @@ def record_measurement(
         As the files are read.
     LayoutError
         If a channel is not on the scenario's tower.
+    ScenarioError
+        If the scenario does not say which structure is measured.
     RecordingError
         If the recording exists or cannot be written. A part that was written is removed if reading
         fails.
     """
-    chosen = scenario or modes_only(measurement.layout.turbine)
+    if scenario is None:
+        chosen = modes_only(measurement.layout.turbine)
+    else:
+        chosen = require_stated_structure(scenario)
     if chosen.has_structure:
         require_on_tower(measurement.layout, chosen.structure)
     metadata = _metadata(measurement, chosen)

@@ -20,6 +20,7 @@ from pipeline.scenario import (
     farm_members,
     load_scenario,
     modes_only,
+    require_stated_structure,
     scenario_from_metadata,
     scenario_metadata,
     with_sampler,
@@ -236,7 +237,8 @@ def open_source(
     if text == "live":
         if scenario is None:
             report_modes_only("live")
-        return _live(load_scenario(scenario or MODES_ONLY), tuple(layout_files))
+        chosen = require_stated_structure(load_scenario(scenario or MODES_ONLY))
+        return _live(chosen, tuple(layout_files))
     if Path(text).is_file() and text.endswith(".mcap"):
         raise SourceError(f"--source {text} is a recording: --source replay:{text} replays it")
     if Path(text).is_file():

@@ -47,6 +47,8 @@ STARTING = 30.0  # from the first process's start to the last one's [s]
 AFTER = 400.0  # for the last posteriors, at most [s]
 SCENARIO = """
 title = "Turbines that send the shipped recording"
+[turbine]
+description = "iea15mw_monopile"
 [farm]
 turbines = {turbines}
 """

@@ -59,6 +59,9 @@ elevations = [80.0, 145.0]
 duration = {duration}
 transient = 60.0
 
+[turbine]
+description = "iea15mw_monopile"
+
 [oma]
 window_duration = 60.0
 hop = 60.0

@@ -67,7 +67,7 @@ def own_structure(path: Path) -> None:
 
 def own_layout(path: Path) -> None:
     """Record a text file whose channels a layout file gives places, one of them turned round."""
-    Path("quick.toml").write_text(QUICK)
+    Path("quick.toml").write_text(QUICK + 'description = "iea15mw_monopile"\n')
     source = simulated(load_scenario("quick.toml"))
     blocks = [each for each in source.messages() if isinstance(each, AccelerationBlock)]
     samples = np.concatenate([each.samples for each in blocks])

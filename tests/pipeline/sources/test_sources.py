@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pipeline.messages import Message
@@ -13,8 +14,14 @@ from pipeline.recording.writer import whole_recording
 from pipeline.run.options import SessionOptions
 from pipeline.run.processes import node_command
 from pipeline.run.run import run_session
-from pipeline.scenario import load_scenario, scenario_from_metadata, scenario_metadata
+from pipeline.scenario import (
+    ScenarioError,
+    load_scenario,
+    scenario_from_metadata,
+    scenario_metadata,
+)
 from pipeline.sources.feed_publisher import feed_source
+from pipeline.sources.import_files import open_measurement, record_measurement
 from pipeline.sources.recorded_source import source_of
 from pipeline.sources.sources import (
     SourceError,
@@ -198,3 +205,26 @@ def test_a_recording_lasts_from_its_first_units_start_to_its_last_ones_end(tmp_p
     found = source_of(tmp_path, infos)
     assert found.duration == 10.0
     assert set(found.layouts) == {"t1"}
+
+
+@pytest.mark.parametrize("kind", ["live", "file"])
+def test_the_structure_of_a_measured_turbine_is_never_assumed(kind: str, tmp_path: Path) -> None:
+    """The reference turbine is the default of simulations alone."""
+    scenario = tmp_path / "mine.toml"
+    words = r"mine\.toml does not say which structure is measured, and none is assumed"
+    scenario.write_text("[oma]\nhop = 300.0\n")
+    with pytest.raises(ScenarioError, match=words):
+        _measured(kind, scenario, tmp_path)
+    scenario.write_text('[turbine]\ndescription = "none"\n')
+    _measured(kind, scenario, tmp_path)
+
+
+def _measured(kind: str, scenario: Path, folder: Path) -> None:
+    if kind == "live":
+        open_source("live", str(scenario))
+        return
+    table = np.random.default_rng(1).standard_normal((80, 2))
+    header = "z41-fa [m/s2],z80-fa [m/s2]"
+    np.savetxt(folder / "a.csv", table, delimiter=",", header=header, comments="")
+    measurement = open_measurement([folder / "a.csv"], sampling_rate=40.0)
+    record_measurement(measurement, folder / "a.mcap", scenario=load_scenario(str(scenario)))
