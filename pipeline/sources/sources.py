@@ -332,6 +332,8 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
     stored = infos[-1].metadata.get("scenario")
     if scenario is not None:
         chosen = load_scenario(scenario)
+        if recorded.truth is None:  # measured
+            require_stated_structure(chosen)
     elif stored:
         chosen = scenario_from_metadata(stored, f"scenario in {path}")
     else:

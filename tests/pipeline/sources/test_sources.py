@@ -207,7 +207,7 @@ def test_a_recording_lasts_from_its_first_units_start_to_its_last_ones_end(tmp_p
     assert set(found.layouts) == {"t1"}
 
 
-@pytest.mark.parametrize("kind", ["live", "file"])
+@pytest.mark.parametrize("kind", ["live", "file", "recording"])
 def test_the_structure_of_a_measured_turbine_is_never_assumed(kind: str, tmp_path: Path) -> None:
     """The reference turbine is the default of simulations alone."""
     scenario = tmp_path / "mine.toml"
@@ -227,4 +227,9 @@ def _measured(kind: str, scenario: Path, folder: Path) -> None:
     header = "z41-fa [m/s2],z80-fa [m/s2]"
     np.savetxt(folder / "a.csv", table, delimiter=",", header=header, comments="")
     measurement = open_measurement([folder / "a.csv"], sampling_rate=40.0)
-    record_measurement(measurement, folder / "a.mcap", scenario=load_scenario(str(scenario)))
+    if kind == "file":
+        record_measurement(measurement, folder / "a.mcap", scenario=load_scenario(str(scenario)))
+        return
+    (folder / "a.mcap").unlink(missing_ok=True)
+    record_measurement(measurement, folder / "a.mcap")
+    replayed(folder / "a.mcap", str(scenario))
