@@ -493,7 +493,7 @@ A row a sample, a file for each acquisition unit; a unit whose channels change h
 EXPORT_ROWS = {
     "modes": "A row an identified mode and window.",
     "mode_shapes": "A row an identified mode, window and channel.",
-    "posterior": "A row a window that has a posterior, of the windows up to it since the last event.",
+    "posterior": "A row a window that has a posterior, of the windows since the last event.",
     "figures": (
         "A row an uncertain parameter of the structure or of a sensor and window; none where the "
         "structure is exact."
