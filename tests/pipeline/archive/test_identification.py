@@ -21,6 +21,20 @@ def reported(minute: int) -> ScadaSample:
     return ScadaSample("t1", START_NS + minute * MINUTE, "parked", 8.0, 0.0, 90.0, 0.0, 0.0, 0.5)
 
 
+def task_of(path: Path, start_ns: int, *, seconds: int) -> IdentificationTask:
+    """Of all blocks of a file."""
+    return IdentificationTask(
+        path=path,
+        fingerprints=(),
+        turbine="t1",
+        layout_ids=(LAYOUT.layout_id,),
+        pieces=(),
+        start_ns=start_ns,
+        end_ns=start_ns + seconds * NANOSECONDS,
+        n_windows=0,
+    )
+
+
 def test_the_state_that_was_reported_in_the_ten_minutes_before_is_read_from_the_file_before(
     tmp_path: Path,
 ) -> None:
@@ -29,17 +43,7 @@ def test_the_state_that_was_reported_in_the_ten_minutes_before_is_read_from_the_
     before = recorded(tmp_path / "before.mcap", [reported(45), reported(55), reported(65)])
     first = replace(block(0), start_ns=start_ns)
     path = recorded(tmp_path / "own.mcap", [LAYOUT, first])
-    task = IdentificationTask(
-        path=path,
-        fingerprints=(),
-        turbine="t1",
-        layout_ids=(LAYOUT.layout_id,),
-        pieces=(),
-        start_ns=start_ns,
-        end_ns=start_ns + NANOSECONDS,
-        n_windows=0,
-        before=before,
-    )
+    task = replace(task_of(path, start_ns, seconds=1), before=before)
     read = [each for each in task_messages(task) if isinstance(each, ScadaSample)]
     assert [each.time_ns for each in read] == [START_NS + 55 * MINUTE]
 
@@ -69,17 +73,7 @@ def test_a_file_whose_blocks_were_recorded_out_of_order_is_read_in_their_order(
     foreign = block(1, turbine="t2")
     blocks = [block(number) for number in (0, 2, 1, 3)]
     path = recorded(tmp_path / "own.mcap", [LAYOUT, truth, reported(0), *blocks, foreign])
-    task = IdentificationTask(
-        path=path,
-        fingerprints=(),
-        turbine="t1",
-        layout_ids=(LAYOUT.layout_id,),
-        pieces=(),
-        start_ns=START_NS,
-        end_ns=START_NS + 4 * NANOSECONDS,
-        n_windows=0,
-        in_order=in_order,
-    )
+    task = replace(task_of(path, START_NS, seconds=4), in_order=in_order)
     read = list(task_messages(task))
     given = [each.sequence for each in read if isinstance(each, AccelerationBlock)]
     assert given == ([0, 2, 1, 3] if in_order else [0, 1, 2, 3])
