@@ -112,6 +112,13 @@ def test_two_commands_do_all_the_setting_up() -> None:
     assert "\n" not in run + test
 
 
+def test_the_first_line_of_the_readme_that_names_pytest_is_the_test_command() -> None:
+    # whoever checks the project takes that line for the command
+    _, test = (block.strip() for block in code_blocks("sh"))
+    named = [line for line in README.read_text(encoding="utf-8").splitlines() if "pytest" in line]
+    assert named[0] == test
+
+
 @pytest.mark.parametrize("page", [README, *sorted(PAGES.glob("*.md"))], ids=lambda p: p.name)
 def test_every_picture_and_page_that_is_named_exists(page: Path) -> None:
     links = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))
