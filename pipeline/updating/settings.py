@@ -28,3 +28,4 @@ class UpdatingSettings:
         default_factory=StructureSettings, metadata=NEVER_A_KEY
     )  # [structure]
     population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none
+    """File of a farm's prior, written by `pilewatch farm --prior`; empty: none."""

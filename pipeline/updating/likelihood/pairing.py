@@ -30,11 +30,13 @@ DIFFERENCE = 1e-4  # relative step of the numerical derivatives [-]
 class PairingSettings:
     """Weights and extent of the search."""
 
-    search_draws: int = 500  # of the prior box
+    search_draws: int = 500
+    """Number of points of the prior that are tried when modes are paired."""
     tried: int = field(default=12, metadata=NO_KEY)
     """Best draws that are followed at the widest tolerance."""
 
-    refined: int = 4  # best of these that are followed to the narrowest
+    refined: int = 4
+    """Number of the best of these from which the fit is refined."""
     tolerances: tuple[float, ...] = field(default=(0.03, 0.015, 0.008, 0.004), metadata=NO_KEY)
     """Standard deviations s_f of ln f, in turn [-]."""
 

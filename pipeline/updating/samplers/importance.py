@@ -47,12 +47,14 @@ FIT_SIZE = 30.0  # effective points from which a mixture can be fitted
 class ImportanceSettings:
     """How many draws, and when importance sampling is given up."""
 
-    effective_draws: float = 1000.0  # Kish ESS at which sampling stops
+    effective_draws: float = 1000.0
+    """Effective number of draws (Kish) at which sampling stops."""
     least_efficiency: ClassVar[float] = 0.1  # Kish ESS / N below which chains take over [-]
     pilot: int = field(default=200, metadata=NO_KEY)  # draws of one pilot round
     most_pilots: int = field(default=8, metadata=NO_KEY)  # rounds
     components: int = field(default=8, metadata=NO_KEY)  # at most, of the mixture
-    draws: int = 4000  # of equal weight, resampled from the weighted ones
+    draws: int = 4000
+    """Number of draws of equal weight at the end."""
 
     def __post_init__(self) -> None:
         if min(self.effective_draws, self.pilot, self.draws) < 50 or self.most_pilots < 1:

@@ -51,7 +51,8 @@ class PublishedSettings:
 class TemperingSettings:
     """TMCMC, corrected."""
 
-    samples: int = 20_000  # of the final importance sampling, and of equal weight at the end
+    samples: int = 20_000
+    """Number of samples of the last stage, and of draws."""
     particles: int = field(default=1000, metadata=NO_KEY)  # of every stage
     variation: ClassVar[float] = 0.5  # coefficient of variation of a stage's weights [-]
     remembered: ClassVar[float] = 0.6  # correlation with a stage's start at which its steps end [-]
