@@ -36,9 +36,7 @@ class SamplingSettings:
     """Section [updating.sampling] of a scenario: which sampler, and each one's own settings."""
 
     method: SamplerName = "importance"
-    """Sampler of an exact structure ([which one](../theory.md#samplers)); an uncertain one
-    takes none of them.
-    """
+    """Sampler of an exact structure; an uncertain one takes none of them."""
     importance: ImportanceSettings = field(default_factory=ImportanceSettings)
     tempering: TemperingSettings = field(default_factory=TemperingSettings)
     published: PublishedSettings = field(default_factory=PublishedSettings)
