@@ -68,14 +68,18 @@ TWINS_PLACE = 0.01  # twins this near to a mode that was found are reported by i
 class Identification:
     """What one window says: its modes, or why it says nothing."""
 
-    modes: tuple[Mode, ...]  # lowest frequency first
+    modes: tuple[Mode, ...]
+    """Lowest frequency first."""
     warnings: tuple[QualityWarning, ...] = ()
     rejection: QualityWarning | None = (
         None  # the window cannot be identified; `modes` is empty then
     )
-    diagrams: tuple[PoleCloud, ...] = ()  # stabilisation diagram of each band, slowest first
-    refused: tuple[RefusedMode, ...] = ()  # what looked like a mode and is none, and why
-    cross_checks: tuple[CrossCheck | None, ...] = ()  # of each mode, where they were asked for
+    diagrams: tuple[PoleCloud, ...] = ()
+    """Stabilisation diagram of each band, slowest first."""
+    refused: tuple[RefusedMode, ...] = ()
+    """What looked like a mode and is none, and why."""
+    cross_checks: tuple[CrossCheck | None, ...] = ()
+    """Of each mode, where they were asked for."""
 
 
 def identify(

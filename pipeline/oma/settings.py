@@ -38,14 +38,17 @@ class OmaSettings:
     n_blocks: int = field(default=40, metadata=NO_KEY)
     """Time blocks for the uncertainty; std scatters by 1/sqrt(2(n_blocks − 1))."""
 
-    maximum_damping: ClassVar[float] = 0.1  # ζ of a structural mode [-]
+    maximum_damping: ClassVar[float] = 0.1
+    """ζ of a structural mode [-]."""
     minimum_presence: ClassVar[float] = 0.7
     """Share of the orders in which a mode must be stable [-],"""
     confirmed_presence: ClassVar[float] = 0.5
     """and where two bands report it [-]."""
 
-    minimum_collinearity: ClassVar[float] = 0.6  # modal phase collinearity of a structural mode [-]
-    maximum_frequency_std: ClassVar[float] = 0.03  # relative to the frequency [-]
+    minimum_collinearity: ClassVar[float] = 0.6
+    """Modal phase collinearity of a structural mode [-]."""
+    maximum_frequency_std: ClassVar[float] = 0.03
+    """Relative to the frequency [-]."""
     maximum_bound_ratio: ClassVar[float] = 10.0
     """Frequency std over the attainable bound √(ζ/(2π f T)) [-]."""
 

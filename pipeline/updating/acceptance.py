@@ -53,7 +53,8 @@ class AcceptanceSettings:
     refused_share: float = field(default=0.5, metadata=NO_KEY)
     """Below, there is no posterior at all [-]."""
 
-    refused_cost: ClassVar[float] = 4.5  # above, likewise [-]
+    refused_cost: ClassVar[float] = 4.5
+    """Above, likewise [-]."""
     rhat: float = 1.05
     """R-hat above which chains have not converged [-]."""
     mode_misfit: ClassVar[float] = 4.0

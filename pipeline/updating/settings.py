@@ -21,7 +21,8 @@ class UpdatingSettings:
     pairing: PairingSettings = field(default_factory=PairingSettings)
     likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
-    sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
+    sampler: SamplerSettings = field(default_factory=SamplerSettings)
+    """Emcee's."""
     guards: AcceptanceSettings = field(default_factory=AcceptanceSettings)
     change: ChangeSettings = field(default_factory=ChangeSettings)
     structure: StructureSettings = field(

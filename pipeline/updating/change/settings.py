@@ -17,7 +17,8 @@ class ChangeSettings:
     """Number of changes that is expected; it enters the reported probability of a change, not
     the alarm.
     """
-    foundation_share: ClassVar[float] = 0.5  # of these, changes of the foundation [-]
+    foundation_share: ClassVar[float] = 0.5
+    """Of these, changes of the foundation [-]."""
     certainty: float = 0.95
     """Probability from which a change is called `foundation` or `modal-drift` [-]."""
     candidates: int = field(default=32, metadata=NO_KEY)

@@ -146,9 +146,12 @@ class ModalEvidence:
     joint_covariance: bool = False
     modes: tuple[ModeEvidence, ...] = ()
     n_windows: int = 0
-    n_tracks: int = 0  # started so far
-    window_duration: float = 0.0  # of the shortest window [s]
-    n_unknown_levels: int = 0  # windows whose water level nothing reported
+    n_tracks: int = 0
+    """Started so far."""
+    window_duration: float = 0.0
+    """Of the shortest window [s]."""
+    n_unknown_levels: int = 0
+    """Windows whose water level nothing reported."""
 
     def with_estimate(self, estimate: ModalEstimate, *, rise: float = 0.0) -> "ModalEvidence":
         """The evidence after one more window. Raises EstimateRefused; self never changes.

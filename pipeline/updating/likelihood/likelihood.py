@@ -65,10 +65,12 @@ class LikelihoodSettings:
 
     joint_covariance: bool = False
     """Whether the correlations between the components of one mode are kept."""
-    sigma_points: int = field(default=60, metadata=NO_KEY)  # of the grid over which σ is integrated
+    sigma_points: int = field(default=60, metadata=NO_KEY)
+    """Of the grid over which σ is integrated."""
     tails: Literal["gaussian", "student-t"] = "student-t"
     """Distribution of each mode's discrepancy."""
-    degrees_of_freedom: ClassVar[float] = 4.0  # of Student's t; fewer forgive an outlying mode more
+    degrees_of_freedom: ClassVar[float] = 4.0
+    """Of Student's t; fewer forgive an outlying mode more."""
     modes: tuple[str, ...] = ()
     """Labels of the model's modes that are compared; empty: all of them."""
 
@@ -89,11 +91,15 @@ class LikelihoodSettings:
 class ModeComparison:
     """How one identified mode enters: which model modes it is compared with, and in what."""
 
-    identified: int  # index in ModalEvidence.modes
-    model_modes: tuple[int, ...]  # their mean frequency is compared; two for a close pair
+    identified: int
+    """Index in ModalEvidence.modes."""
+    model_modes: tuple[int, ...]
+    """Their mean frequency is compared; two for a close pair."""
     shape_used: bool
-    gap: float  # [Hz], added to the standard deviation of f: the neighbour it may be mixed with
-    shape_unlike: bool = False  # left out although no neighbour is near enough to be mixed with
+    gap: float
+    """[Hz], added to the standard deviation of f: the neighbour it may be mixed with."""
+    shape_unlike: bool = False
+    """Left out although no neighbour is near enough to be mixed with."""
 
 
 def observations(
