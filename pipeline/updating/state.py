@@ -81,7 +81,7 @@ class UpdatingState:
             reference = _summed(before, replace(nothing, n_tracks=self.evidence.n_tracks))
         return replace(
             self,
-            evidence=_summed(recent, evidence).with_tracks_of(self.evidence),
+            evidence=_summed(recent, evidence).continuing(self.evidence),
             recent=recent,
             reference=reference,
             reference_ns=before[-1].start_ns if before else self.reference_ns,
