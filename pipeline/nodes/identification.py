@@ -302,7 +302,7 @@ class TurbineIdentification:
             if isinstance(message, SensorLayout):
                 self.units.note_layout(message)
         self._answers = tuple(each for each in snapshot.messages if isinstance(each, WindowAnswer))
-        for name, admission in state.admissions.items():
+        for name, admission in state.units.items():
             self.units.named(name).admission.resume(admission)
             self.units.named(name).beginning = None
         if state.session is not None:
