@@ -228,10 +228,8 @@ class TurbineIdentification:
         return [layouts[name] for name in sorted(layouts)] if block.unit in layouts else []
 
     def _ended(self, unit: AcquisitionUnit, end: StreamEnd) -> Iterator[Message]:
-        unit.note_end(end)
-        admission = unit.admission.note_end(end.session)
-        if admission.blocks:
-            yield from self._take_all(unit, admission)
+        unit.ends[end.session] = end
+        yield from self._take_all(unit, unit.admission.note_end(end.session))
         yield from self._end_if_complete()
 
     def _end_if_complete(self) -> Iterator[Message]:
@@ -282,8 +280,8 @@ class TurbineIdentification:
     def statistics(self) -> NodeStatistics:
         """Blocks that were not used, and why."""
         unused = self._context.unused
-        return self.units.statistics + NodeStatistics(
-            late=unused["late"], duplicate=unused["duplicate"]
+        return NodeStatistics(
+            late=unused["late"], duplicate=unused["duplicate"], rejected=self.units.refused
         )
 
     def snapshot(self) -> NodeSnapshot:
