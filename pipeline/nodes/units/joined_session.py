@@ -127,14 +127,11 @@ class JoinedSession:
         one that is left out, or of which nothing is joined yet, that of its newest block."""
         since = self.windows.next_index * self._settings.hop
         absent = self._absent(since)
-        found = {
-            unit: None if unit in absent else self._joiner.needed(unit, since)
-            for unit in self._newest
-        }
-        return {
-            unit: self._newest[unit].first_sample if first is None else first
-            for unit, first in found.items()
-        }
+        found = {}
+        for unit, newest in self._newest.items():
+            first = None if unit in absent else self._joiner.needed(unit, since)
+            found[unit] = newest.first_sample if first is None else first
+        return found
 
     def _absent(self, since: float) -> set[str]:
         """Units that are left out and have no samples in a window that is not answered."""
@@ -197,17 +194,14 @@ class JoinedSession:
         """Yield what still waits of the unit's boot before this block's."""
         block = item.block
         order = self._orders.get(block.unit)
-        known = self._boots.get(block.unit)
         self._boots[block.unit] = item.boot
         self._newest.pop(block.unit, None)
         self._orders[block.unit] = self._context.order(item.beginning)
-        if order is None or known is None:
-            self._out.discard(block.unit)
-            return
-        yield from self._flushed(order)
+        if order is not None:
+            yield from self._flushed(order)
+            self._agreed_from.pop(block.unit, None)
+            self._joiner.restart(block.unit)
         self._out.discard(block.unit)
-        self._agreed_from.pop(block.unit, None)
-        self._joiner.restart(block.unit)
 
     def _flushed(self, order: BlockOrder) -> Iterator[Message]:
         """Take what still waits of a unit."""
