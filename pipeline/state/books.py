@@ -241,9 +241,8 @@ class Books:
 
     def violations(self, only: str | None = None) -> list[str]:
         """Return where the books do not balance, in words; none: they do. only: of that turbine."""
-        if only is not None:
-            return [*self._violations_of(only)]
-        turbines = dict.fromkeys([*(key[0] for key in self._blocks), *self._turbines])
+        known = dict.fromkeys([*(key[0] for key in self._blocks), *self._turbines])
+        turbines = known if only is None else (only,)
         return [text for turbine in turbines for text in self._violations_of(turbine)]
 
     def _violations_of(self, turbine: str) -> Iterator[str]:

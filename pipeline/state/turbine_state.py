@@ -24,17 +24,12 @@ from pipeline.state.run_modes import CombinedMode, CombinedTracks
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
-_Item = TypeVar("_Item")
+_T = TypeVar("_T")
 
-
-MOST_NAMES_KNOWN = (
-    64  # of units and of nodes of a live run's turbine, each, and of rejections' codes
-)
+MOST_NAMES_KNOWN = 64  # of a live run's turbine: units, nodes, rejections' codes, each
 LATEST_ESTIMATES = 8  # of a live run's turbine, of 30 kB each: one that comes again is among them
 MOST_TRACKS = 500  # of a live run's turbine
 MOST_WINDOW_WARNINGS = 1000  # of its windows, that differ
-
-_Named = TypeVar("_Named")
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +179,7 @@ class TurbineState:
             case NodeStatus():
                 self._name(self.statuses, message.node, message)
 
-    def _name(self, table: dict[str, _Named], name: str, value: _Named) -> _Named:
+    def _name(self, table: dict[str, _T], name: str, value: _T) -> _T:
         """Enter a value under its name; a live run takes in no more names than it may."""
         if name in table or self.kept is None or len(table) < MOST_NAMES_KNOWN:
             table[name] = value
@@ -311,7 +306,7 @@ class TurbineState:
         if self.kept is not None and len(self.posteriors) > self.kept:
             del self.posteriors[next(iter(self.posteriors))]
 
-    def _let_go(self, items: list[_Item], name: str, most: int | None = None) -> list[_Item]:
+    def _let_go(self, items: list[_T], name: str, most: int | None = None) -> list[_T]:
         """Keep the latest of a run that may last for years; return what went, counted."""
         if self.kept is None:
             return []
