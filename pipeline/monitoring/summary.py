@@ -114,7 +114,7 @@ def turbine_figures(run: RunState, turbine: str, *, wall: float = 0.0, live: boo
             "turbine": state.turbine,
             "duration_s": state.duration,
             "windows": {
-                "identified": len(state.estimates) + state.gone["windows"],
+                "identified": state.n_identified,
                 "rejected": [
                     _rejection(state, each)
                     for each in _in_its_time(state, state.rejected, live=live)
@@ -228,5 +228,5 @@ def _lost(takers: Sequence[NodeStatus], published: int) -> int | None:
 
 def _busy(state: TurbineState, node: str) -> float | None:
     shares = [each for each in state.statuses.values() if each.is_of(node)]
-    windows = len(state.estimates)
+    windows = state.n_identified
     return sum(each.busy_s for each in shares) / windows if shares and windows else None

@@ -23,6 +23,7 @@ from pipeline.state.repeated_warnings import DistinctWarnings
 from pipeline.state.run_modes import CombinedMode, CombinedTracks
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.bounded_dict import BoundedDict
 
 _T = TypeVar("_T")
 
@@ -120,6 +121,10 @@ class TurbineState:
     """The latest posterior."""
     posteriors: dict[int, PosteriorAtWindow] = field(default_factory=dict)
     """Posteriors by the end of their window [ns]."""
+    let_go_since: BoundedDict[int, int] = field(
+        default_factory=lambda: BoundedDict(MOST_NAMES_KNOWN)
+    )
+    """By the time of an event [ns]: posteriors since it that are no longer kept."""
     truths: dict[int, FoundationTruth] = field(default_factory=dict)
     """True stiffnesses by the time from which they hold [ns], the latest received last."""
     layouts: dict[str, SensorLayout] = field(default_factory=dict)
@@ -200,6 +205,11 @@ class TurbineState:
         """The latest true stiffnesses of a simulation."""
         return next(reversed(self.truths.values()), None)
 
+    @property
+    def n_identified(self) -> int:
+        """Identified windows, those that were let go as well."""
+        return len(self.estimates) + self.gone["windows"]
+
     def revised_size(self, event: FoundationEvent) -> RevisedSize | None:
         """Return what the windows since an event make of its size; None before the next one."""
         later = [each.time_ns for each in self.events if each.time_ns > event.time_ns]
@@ -209,7 +219,8 @@ class TurbineState:
             for time_ns, each in self.posteriors.items()
             if each.relative and time_ns >= event.time_ns and (end_ns is None or time_ns < end_ns)
         ]
-        return RevisedSize(since[-1].relative, len(since)) if since else None
+        n_posteriors = len(since) + self.let_go_since.get(event.time_ns, 0)
+        return RevisedSize(since[-1].relative, n_posteriors) if since else None
 
     @property
     def duration(self) -> float:
@@ -304,7 +315,10 @@ class TurbineState:
             posterior.relative,
         )
         if self.kept is not None and len(self.posteriors) > self.kept:
-            del self.posteriors[next(iter(self.posteriors))]
+            oldest = self.posteriors.pop(next(iter(self.posteriors)))
+            before = [each.time_ns for each in self.events if each.time_ns <= oldest.time_ns]
+            if before and oldest.relative:
+                self.let_go_since[max(before)] = self.let_go_since.get(max(before), 0) + 1
 
     def _let_go(self, items: list[_T], name: str, most: int | None = None) -> list[_T]:
         """Keep the latest of a run that may last for years; return what went, counted."""
