@@ -1,5 +1,5 @@
-"""What is remembered of each acquisition unit of a turbine, what that means for a window, and the
-blocks that came while not all units' layouts were known."""
+"""What is remembered of each acquisition unit of a turbine, what that means for a window, the
+blocks that came while not all units' layouts were known, and the session of an only unit."""
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
@@ -87,12 +87,16 @@ class AcquisitionUnit:
         if block.next_sample > self._reached.first_sample:
             self._reached = Beginning(block.next_sample, block.sequence + 1)
 
+    def has_ended(self, session: str, end_ns: int) -> bool:
+        """Whether the end of a session that has come so far was announced and is reached."""
+        end = self.ends.get(session)
+        return end is not None and end_ns >= end.time_ns
+
     def mark_before(self, needed: int) -> BlockMark | None:
         """Return the block that holds a sample, or the last one before it."""
         before = [mark for mark in self.marks if mark.first_sample <= needed]
-        if not before:
-            return self.marks[0] if self.marks else None
-        return max(before, key=lambda each: each.first_sample)
+        first = list(self.marks)[:1]
+        return max(before or first, key=lambda each: each.first_sample, default=None)
 
 
 class AcquisitionUnits:
@@ -190,12 +194,11 @@ class AcquisitionUnits:
         present = (unit.admission.refused for unit in self.by_name.values())
         return sum(present, Counter(self._refused_of_gone))
 
-    @property
-    def last_refusal(self) -> str:
-        """Unit of one of the refused blocks and what was wrong with it; "" without one."""
+    def last_refusal(self, turbine: str) -> str:
+        """Return unit and turbine of a refused block and what was wrong with it; "" without one."""
         for name, unit in reversed(self.by_name.items()):
             if unit.admission.refused:
-                return f"unit {name}: {unit.admission.last_refusal}"
+                return f"unit {name} of {turbine}: {unit.admission.last_refusal}"
         return ""
 
     @property

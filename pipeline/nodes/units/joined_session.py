@@ -18,7 +18,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
 LARGEST_LEAD = 3600.0  # by which a unit that starts may be apart from the others [s]
-SILENT = 20  # blocks of each of the other units after which a unit has nothing to say
+SILENT = 20  # blocks of each of the other units after which a unit counts as silent
 
 
 class JoinedSession:
