@@ -19,6 +19,7 @@ from pipeline.state.books import BooksAlarm
 from pipeline.state.posterior_json import ratios
 from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.bounded_dict import BoundedDict
 
 SENSOR = (  # codes of windows that concern an instrument
     "constant",
@@ -79,10 +80,11 @@ class AlarmRules:
         self._settings = settings
         self._run = RunState(kept=1)
         self._looked_ns = 0
-        self._window_keys: dict[str, dict[str, str]] = {}  # by turbine: key → kind of what lasts
+        # by turbine: key → kind of what lasts; names that are made up drive out each other
+        self._window_keys = BoundedDict[str, dict[str, str]]()
         self._books_alarms: dict[str, BooksAlarm] = {}  # that last, by key
 
-    def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
+    def conditions(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
         """Yield the conditions that one message starts or ends."""
         self._run.fold(message, now_ns)
         found: Iterable[AlarmCondition] = ()
@@ -101,9 +103,9 @@ class AlarmRules:
                 found = _recorder(message)
         answered = isinstance(message, ModalEstimate | WindowRejected | FoundationPosterior)
         of_books = self._of_books() if answered else ()
-        for cause in (*found, *of_books, *self._silences(now_ns)):
-            if cause.kind in self._settings.kinds:
-                yield cause
+        for condition in (*found, *of_books, *self._silences(now_ns)):
+            if condition.kind in self._settings.kinds:
+                yield condition
 
     def _of_books(self) -> Iterator[AlarmCondition]:
         """Books that do not balance and posteriors that do not come, until they do."""
@@ -140,7 +142,8 @@ class AlarmRules:
         lasting = self._window_keys.get(turbine, {})
         for key in sorted(lasting.keys() - found.keys()):
             yield AlarmCondition(key, lasting[key], turbine, "", over=True)
-        self._window_keys[turbine] = {key: KIND_OF_CODE[each.code] for key, each in found.items()}
+        kinds = {key: KIND_OF_CODE[each.code] for key, each in found.items()}
+        self._window_keys.put(turbine, kinds)
 
     def _rejected(self, window: WindowRejected) -> Iterator[AlarmCondition]:
         """A window that is rejected for another reason ends no instrument's condition."""
