@@ -81,14 +81,13 @@ class JoinedSession:
         self._last_push[block.unit] = self._n_pushed
         if self._boots.get(block.unit) != item.boot:
             yield from self._restarted(item)
-        used = self._agrees(block)
+        agrees = self._agrees(block)
         before = self._newest.get(block.unit)
         if before is None or block.first_sample >= before.first_sample:
             self._newest[block.unit] = block
-        past = self._joiner.is_past(block)
-        agreed = used and not past
-        self._disagreed[block.unit] = 0 if agreed else self._disagreed.get(block.unit, 0) + 1
-        if not agreed:
+        is_used = agrees and not self._joiner.is_past(block)
+        self._disagreed[block.unit] = 0 if is_used else self._disagreed.get(block.unit, 0) + 1
+        if not is_used:
             self._unused.append(block)
         yield from self._taken(block, list(self._orders[block.unit].push(block)))
 
