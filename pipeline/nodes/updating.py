@@ -26,6 +26,7 @@ from sensors.bounded_dict import BoundedDict
 LATEST_ANSWERS = 10  # answers that are given again when their estimates come again
 MOST_BOOTS = 256  # sets of units' boots whose last window is remembered
 MOST_LAYOUTS = 1000  # of turbines of which no estimate has come
+MOST_DIFFERENT = 16  # units whose layout differs from the scenario's that are reported
 
 _READ_AT = attrgetter("elevation", "direction", "coupling")  # what of a channel the model needs
 
@@ -105,7 +106,8 @@ class TurbineUpdating:
         self._state = updater.initial_state()
         self._answered = AnsweredWindows()
         self._answers: tuple[Answer, ...] = ()  # the latest
-        self._different: dict[str, QualityWarning] = {}  # unit → that its layout is another one
+        # unit → that its layout is another one; of names that are made up the latest
+        self._different = BoundedDict[str, QualityWarning](MOST_DIFFERENT)
 
     @property
     def state(self) -> UpdatingState:

@@ -149,7 +149,8 @@ class TurbineState:
         day."""
         tracks = CombinedTracks(most=MOST_TRACKS)
         warnings = DistinctWarnings(most=MOST_WINDOW_WARNINGS)
-        return cls(turbine, kept, tracks=tracks, window_warnings=warnings)
+        truths = BoundedDict[int, FoundationTruth](kept)
+        return cls(turbine, kept, tracks=tracks, window_warnings=warnings, truths=truths)
 
     def fold(self, message: Message, *, counts: bool = True) -> None:
         """Take one message into account.
