@@ -196,7 +196,8 @@ class BlockAdmission:
         if against is None:
             chain = self._with_held(block)
             self._drop_held()
-            return Admission(tuple(each for each in chain if self._takes(each)))
+            taken = [self._taken(each).blocks for each in chain]
+            return Admission(tuple(each for blocks in taken for each in blocks))
         self.last_refusal = against.text
         held = self._held.pop(block.session, [])
         if held and refusal_of(BlockMark.of(held[-1]), block) is not None:
@@ -275,18 +276,17 @@ class BlockAdmission:
             return QualityWarning(UNFIT, "its stamps go on from those of blocks that do not follow")
         return None
 
-    def _takes(self, block: AccelerationBlock) -> bool:
-        """Go on from a block that follows; False: its samples came before, it is refused."""
+    def _taken(self, block: AccelerationBlock) -> Admission:
         assert self._last is not None
         against = self._content_refusal(block)
         if against is not None:
             self.refuse(against)
-            return False
+            return Admission()
         if block.first_sample > self._last.first_sample:
             contiguous = block.first_sample == self._last.next_sample
             self.sequence_jumps += contiguous and block.sequence != self._last.sequence + 1
             self._last = BlockMark.of(block)
-        return True
+        return Admission((block,))
 
     def _content_refusal(self, block: AccelerationBlock) -> QualityWarning | None:
         """Refuse a block whose number came with other samples, or the other way round."""

@@ -179,6 +179,10 @@ class UnitJoiner:
         """Time of the next grid sample [ns]; None before the grid is settled."""
         return None if self._origin_ns is None else int(self._grid(1)[0])
 
+    def is_past(self, block: AccelerationBlock) -> bool:
+        """Whether nothing will be read from a block: the grid is beyond it."""
+        return self._is_past(block)
+
     def beginnings(self, sample: int) -> dict[str, int]:
         """First samples of the units, each in its own count, at a grid sample."""
         before = [each for each in self._beginnings if each[0] <= sample]
@@ -254,7 +258,7 @@ class UnitJoiner:
                 elif streams:  # what is missing before the first block never was
                     streams[-1].push(piece)
                 continue
-            if self.is_past(piece):
+            if self._is_past(piece):
                 self._away.add(block.unit)
                 continue
             if not streams or block.unit in self._away or streams[-1].session != piece.session:
@@ -268,7 +272,7 @@ class UnitJoiner:
         """Nothing more will come: give what there is."""
         yield from self._ready(give_up=True)
 
-    def is_past(self, piece: AccelerationBlock) -> bool:
+    def _is_past(self, piece: AccelerationBlock) -> bool:
         """Whether nothing will ever be read from a piece: the grid is well beyond it."""
         if self._origin_ns is None or self._refilling:
             return False
