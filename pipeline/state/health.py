@@ -63,12 +63,11 @@ class Health:
     def observe(self, message: Message, now_ns: int) -> None:
         """Take note of one message that has just come."""
         key = key_of(message)
-        before = self._seen.get(key)
-        if before is None and len(self._seen) >= MOST_KEYS_WATCHED:
+        if key not in self._seen and len(self._seen) >= MOST_KEYS_WATCHED:
             for rare in nsmallest(LET_GO, self._seen, key=lambda each: self._seen[each].count):
                 del self._seen[rare]
-        count, first_ns = (before.count, before.first_ns) if before else (0, now_ns)
-        self._seen[key] = _Seen(message, now_ns, count + 1, first_ns)
+        seen = self._seen.setdefault(key, _Seen(message, now_ns, 0, now_ns))
+        seen.message, seen.time_ns, seen.count = message, now_ns, seen.count + 1
         if isinstance(message, StreamEnd):
             self._ended[message.turbine, message.unit] = message.session
         elif isinstance(message, AccelerationBlock):
