@@ -169,7 +169,7 @@ def measured(blocks: Callable[[], Blocks], folder: Path) -> dict[str, Any]:
             other = threading.Thread(target=misbehave, args=(bad, blocks()))
             other.start()
             live_farm.publish(bus, TURBINES, SECONDS, 1.0, HURRY)
-            answered, of_it = wait_for_honest(answers)
+            answered, rejected, of_it = wait_for_honest(answers)
             other.join()
             subscription.close()
     finally:
@@ -188,6 +188,7 @@ def measured(blocks: Callable[[], Blocks], folder: Path) -> dict[str, Any]:
         "largest_pss_mb": round(max(totals) / 1e6),
         "largest_pss_mb_by_process": {k: round(v / 1e6) for k, v in sorted(largest.items())},
         "honest_windows_answered": answered,
+        "honest_windows_rejected": rejected,
         "answers_to_it": of_it,
         "ended_after_s": round(ended, 1),
     }
@@ -202,9 +203,11 @@ def misbehave(bus: ZenohBus, blocks: Blocks) -> None:
         time.sleep(max(0.0, due - time.monotonic()))
 
 
-def wait_for_honest(answers: Inbox) -> tuple[int, list[str]]:
-    """Return how many of the turbines had their answer in time, and what the other one had."""
+def wait_for_honest(answers: Inbox) -> tuple[int, list[str], list[str]]:
+    """Return how many of the turbines had their answer in time, what was rejected of theirs, and
+    what the other one had."""
     found: set[str] = set()
+    rejected: list[str] = []
     of_it: list[str] = []
     deadline = time.monotonic() + AFTER
     patience = deadline  # for an answer to it, when the others have theirs
@@ -212,9 +215,11 @@ def wait_for_honest(answers: Inbox) -> tuple[int, list[str]]:
         answer = answers.get(timeout=1.0)
         if isinstance(answer, FoundationPosterior) and answer.turbine in HONEST:
             found.add(answer.turbine)
+        elif isinstance(answer, WindowRejected) and answer.turbine in HONEST:
+            rejected.append(f"{answer.turbine}: {answer.code}, {answer.reason}")
         elif isinstance(answer, ANSWERS) and answer.turbine not in HONEST:
             of_it.append(getattr(answer, "code", type(answer).__name__))
             patience = 0.0
         if len(found) == TURBINES:
             patience = min(patience, time.monotonic() + PATIENCE)
-    return len(found), of_it[:3]
+    return len(found), rejected, of_it[:3]
