@@ -134,9 +134,10 @@ class DurablePublisher:
         self._take_acknowledgements()
         if self._is_due:
             self._tended = self._clock()
-            with self._disk():
-                self._spool.sync()
-                self._has_unsynced.clear()
+            if not self._spool.is_synced:  # else a disk that has just refused seems to take more
+                with self._disk():
+                    self._spool.sync()
+            self._has_unsynced.clear()
         if self._is_publishing:  # the layout is known then
             now = self._clock()
             for spooled in list(self._due(now)):

@@ -191,6 +191,20 @@ def test_blocks_that_follow_fast_are_synced_within_a_second(tmp_path: Path) -> N
         assert synced.wait(TENDED_EVERY - 1.0)
 
 
+def test_a_disk_that_takes_no_more_is_a_warning_until_it_does(tmp_path: Path) -> None:
+    trial = Trial(tmp_path)
+    spool = trial.publisher._spool
+    for number in (1, 2):
+        trial.now = float(number)
+        with patch.object(spool, "append", side_effect=OSError(28, "No space left on device")):
+            trial.publisher.publish(block_of(number))
+        (warning,) = trial.publisher.warnings
+        assert warning.text.endswith("takes no more: No space left on device")
+    trial.now = 3.0
+    trial.publisher.publish(block_of(3))
+    assert not trial.publisher.warnings
+
+
 def test_after_a_cut_everything_is_sent_again(tmp_path: Path) -> None:
     trial = Trial(tmp_path)
     trial.run(30.0)
