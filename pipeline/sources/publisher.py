@@ -14,6 +14,7 @@ costs a unit as much again as the disk does.
 """
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -69,7 +70,7 @@ class DurablePublisher:
         self._inbox = Inbox()
         self._subscribed: set[tuple[str, str]] = set()  # turbines and units that are listened for
         self._answered: float | None = None  # when something was acknowledged last [s]
-        self._tended = clock()
+        self._tended = -math.inf  # acknowledgements taken, and synced [s]
         self._has_unsynced = threading.Event()
         self._is_publishing = False
         self._refused = ""  # why the disk does not take more
