@@ -78,6 +78,9 @@ class SortedColumns:
     time: TimeColumn = UNSTATED
     """What is stated of the time beside the file."""
 
+    left_out: tuple[str, ...] = ()
+    """What is left out, in sentences; logged when samples were read, beside no error."""
+
     @property
     def used(self) -> tuple[int, ...]:
         """All that are read, in their order."""
@@ -87,7 +90,7 @@ class SortedColumns:
 def sort_columns(
     columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING
 ) -> SortedColumns:
-    """Find time, channels, and what is left out, which is logged once a file.
+    """Find time, channels, and what is left out.
 
     Raises
     ------
@@ -108,15 +111,17 @@ def sort_columns(
         time = "time " if clock == tuple(left_out) else ""
         raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
     channels = tuple(channels[i] for i in wanted.among([columns[i].name for i in channels]))
-    for number in texts if not wanted.names else ():
-        log_once(
-            f"{path}: column {columns[number].name!r} holds text "
-            f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
-        )
+    sentences = [
+        f"{path}: column {columns[number].name!r} holds text "
+        f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
+        for number in (texts if not wanted.names else ())
+    ]
     if times:
-        log_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
+        sentences.append(f"{path}: {_listed(columns, times)} left out; another one is the time")
     used = clock if wanted.stamps else ()
-    return SortedColumns(tuple(columns), channels, used, time=wanted.time)
+    return SortedColumns(
+        tuple(columns), channels, used, time=wanted.time, left_out=tuple(sentences)
+    )
 
 
 def _stated_clock(
@@ -240,7 +245,10 @@ def convert_batches(
             times=None,
             stated_rate=columns.rate,
         )
-        yield seconds(chunk, batch)
+        timed = seconds(chunk, batch)
+        for sentence in columns.left_out:
+            log_once(sentence)
+        yield timed
 
 
 def _seconds_of(
