@@ -28,6 +28,7 @@ from sensors.files.table import (
 )
 from sensors.files.text.arrow_values import values_of
 from sensors.files.text.column_titles import is_number_title, is_time_title, time_unit
+from sensors.files.text.dates import zone_in_title
 from sensors.files.text.time_column import ClockError, TextClock, iso
 
 logger = logging.getLogger(__name__)
@@ -260,7 +261,7 @@ def _seconds_of(
     titles = [columns.all[i] for i in columns.clock]
     unit = titles[0].unit or time_unit(titles[0].name)
     title = " and ".join(each.name for each in titles)
-    zone = "" if "utc" in title.lower() else columns.time.zone
+    zone = zone_in_title(f"{title} {titles[0].unit}") or columns.time.zone
     clock = TextClock(title, unit, columns.time.dates, zone)
 
     def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
