@@ -258,9 +258,14 @@ def _fitted(
         return Sharpened(resolved.modes, resolved.refused)
     founded = borne_out(resolved.modes, resolved.refused, spectrum)
     by_lines = sharpened(founded.modes, founded.refused, judged.doubtful, spectrum, settings)
-    if by_lines.too_dense:
-        return by_lines
-    modes, unseen = with_unseen(by_lines.modes, judged.harmonics, spectrum, settings, reach=reach)
+    modes, unseen = with_unseen(
+        by_lines.modes,
+        judged.harmonics,
+        spectrum,
+        settings,
+        reach=reach,
+        too_dense=by_lines.too_dense.holds,
+    )
     return Sharpened(tuple(modes), by_lines.refused, unseen=tuple(unseen))
 
 
