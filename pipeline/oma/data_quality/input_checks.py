@@ -14,8 +14,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.messages import QualityWarning
-from pipeline.oma.data_quality.transients import RingDown, loudest_octave, ring_down
-from pipeline.oma.data_quality.turning_axes import turning_axes
+from pipeline.oma.data_quality.transients import (
+    RingDown,
+    loudest_octave,
+    ring_down,
+    turning_axes,
+)
 from pipeline.oma.preprocessing import MOST_MISSING, filled, lines_of_channels, without_drift
 from sensors.arrays import BoolArray, FloatArray
 

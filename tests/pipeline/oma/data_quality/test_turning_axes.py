@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.oma.data_quality.input_checks import NON_STATIONARY, check_stationarity
-from pipeline.oma.data_quality.turning_axes import SURE, turning_axes
+from pipeline.oma.data_quality.transients import SURELY_TURNED, turning_axes
 from sensors.arrays import FloatArray
 from tests.benchmarks.close_modes import bending_pair
 from tests.benchmarks.stationarity import RATE, record
@@ -48,7 +48,7 @@ def test_gusts_turn_no_axes() -> None:
         found = turning_axes(samples - samples.mean(axis=0), RATE)
         assert found is not None
         least.append(found.log_chance)
-    assert min(least) > 0.6 * SURE
+    assert min(least) > 0.6 * SURELY_TURNED
 
 
 def test_channels_that_move_alike_and_short_windows_have_no_axes() -> None:
