@@ -272,14 +272,12 @@ def turning_axes(samples: FloatArray, sampling_rate: float) -> TurningAxes | Non
         [Hz]
     """
     n = len(samples) // COMPARED_PARTS
-    scales = np.std(samples, axis=0)
-    heard = scales > 0
-    if n < 2 or heard.sum() < 2:
+    if n < 2 or samples.shape[1] < 2:
         return None
-    scaled = samples[:, heard] / scales[heard]
-    parts = [scaled[j * n : (j + 1) * n] for j in range(COMPARED_PARTS)]
-    ones, taper = np.ones(scaled.shape[1]), np.hanning(n)
-    lines = np.array([lines_of_channels(part - part.mean(axis=0), ones, taper) for part in parts])
+    scales = np.std(samples, axis=0)
+    scales, taper = np.where(scales > 0, scales, 1.0), np.hanning(n)
+    parts = (samples[j * n : (j + 1) * n] for j in range(COMPARED_PARTS))
+    lines = np.array([lines_of_channels(part - part.mean(axis=0), scales, taper) for part in parts])
     bands = _compared_bands(lines, n / sampling_rate, sampling_rate)
     return min(bands, key=lambda each: each.log_chance, default=None)
 
