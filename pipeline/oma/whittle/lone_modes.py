@@ -66,8 +66,8 @@ ANOTHER = 2.5  # power over flank of a direction that belongs to another mode [-
 FLANK_BEGINS = 3.0  # half bandwidths from a resonance
 STEEPEST = 1.2  # ln of a channel's power beside a resonance, below it over above it: of 46 bands of
 # a parked tower that no fit described nine in ten had more, of 108 that one did one in five
-MOST_FAILURES = 2  # bands that the model does not describe, where they overlap: there modes stand
-# too densely for any
+MOST_FAILURES = 2  # bands that the model does not describe, after which modes stand too densely for
+# any within one of them
 CONFIRMED_SHARE = (
     0.3  # of the half bandwidth: what f and ζ of a refused mode beside others are known to
 )
@@ -93,8 +93,8 @@ class DenseBands:
 
         A pair in a sea or three blades' modes under one peak say nothing of a mode elsewhere.
         """
-        holding = sum(low <= frequency <= high for low, high in self.bands)
-        return holding >= MOST_FAILURES
+        several = len(self.bands) >= MOST_FAILURES
+        return several and any(low <= frequency <= high for low, high in self.bands)
 
     def with_band(self, band: tuple[float, float]) -> "DenseBands":
         """Return them and one more."""
