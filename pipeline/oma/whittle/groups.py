@@ -227,7 +227,7 @@ def _is_pair(fit: WhittleFit, one: int, other: int, covariance: FloatArray) -> b
     within so many std of their difference."""
     gap = abs(fit.modes.positions[one] - fit.modes.positions[other])
     variance = covariance[one, one] + covariance[other, other] - 2 * covariance[one, other]
-    return bool(gap < max(1.0, CLOSE * np.sqrt(variance)))
+    return bool(gap < max(1.0, CLOSE * np.sqrt(max(variance, 0.0))))  # rounding may leave less
 
 
 def _of_vague_axes(
