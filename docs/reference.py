@@ -217,7 +217,11 @@ OTHER_MEANINGS = {
     "water_level": ("m", "water level where SCADA measures it"),
     "unknown_water_level": ("m", "water level where nothing measures it"),
     "sensor_gain": ("-", "sensitivity of each channel"),
-    "sensor_heading": ("deg", "heading of each sensor's axes"),
+    "sensor_heading": (
+        "deg",
+        "heading of all channels at one height together; of two single-axis sensors that are not "
+        "at right angles no heading explains both, and the warning `sensor` names the height",
+    ),
     "sensor_height": ("m", "height of each sensor"),
 }
 ORIGINS = {  # where the code's words leave open what is meant
