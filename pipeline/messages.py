@@ -217,9 +217,8 @@ class WindowRejected:
     """The reason in words: "gap of 0.4 s in unit tower at 12.0 s"."""
     origins: tuple[UnitOrigin, ...] = ()
     """Identity of the window."""
-    windows_before: int = (
-        0  # windows right before it that lie in the same gap: this rejects them too
-    )
+    windows_before: int = 0
+    """Windows right before it that lie in the same gap: this rejects them too."""
 
 
 def without_covariances(estimate: ModalEstimate) -> ModalEstimate:

@@ -30,7 +30,8 @@ class Shard:
 
     number: int
     count: int
-    turbines: tuple[str, ...] = ()  # known beforehand, in their order
+    turbines: tuple[str, ...] = ()
+    """Known beforehand, in their order."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.number <= self.count:

@@ -76,9 +76,8 @@ class Identification:
     modes: tuple[Mode, ...]
     """Lowest frequency first."""
     warnings: tuple[QualityWarning, ...] = ()
-    rejection: QualityWarning | None = (
-        None  # the window cannot be identified; `modes` is empty then
-    )
+    rejection: QualityWarning | None = None
+    """Why the window cannot be identified; `modes` is empty then."""
     diagrams: tuple[PoleCloud, ...] = ()
     """Stabilisation diagram of each band, slowest first."""
     refused: tuple[RefusedMode, ...] = ()

@@ -21,19 +21,25 @@ class StreamHealth:
     """How one key does."""
 
     key: str
-    condition: Condition  # a stream without a period is never late
-    silence: float  # since the last message [s]
+    condition: Condition
+    """A stream without a period is never late."""
+    silence: float
+    """Since the last message [s]."""
     messages: int
-    rate: float  # of messages since the first [1/s]; NaN before the second
+    rate: float
+    """Of messages since the first [1/s]; NaN before the second."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeHealth:
     """How one node does."""
 
-    condition: Condition  # late: it has sent nothing for too long; ended: it has reported so
-    silence: float  # since its last status [s]
-    status: NodeStatus  # the last
+    condition: Condition
+    """Late: it has sent nothing for too long; ended: it has reported so."""
+    silence: float
+    """Since its last status [s]."""
+    status: NodeStatus
+    """The last."""
 
 
 @dataclass(slots=True)

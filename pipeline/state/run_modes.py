@@ -14,16 +14,23 @@ from sensors.json_values import Json, known
 class CombinedMode:
     """One mode over all windows that saw it."""
 
-    name: str  # the model's label where it was paired, else the track's name
-    frequency: float  # precision-weighted mean over the windows [Hz]
-    frequency_std: float  # of that mean [Hz]
-    damping_ratio: float  # [-]
-    damping_ratio_std: float  # [-]
-    shape: tuple[float, ...]  # of the window that saw it sharpest [-]
+    name: str
+    """The model's label where it was paired, else the track's name."""
+    frequency: float
+    """Precision-weighted mean over the windows [Hz]."""
+    frequency_std: float
+    """Of that mean [Hz]."""
+    damping_ratio: float
+    """Mean over the windows [-]."""
+    damping_ratio_std: float
+    """Standard deviation of that mean [-]."""
+    shape: tuple[float, ...]
+    """Of the window that saw it sharpest [-]."""
     seen_in_windows: int
     pair_id: str
     quality: float
-    pair: ModePair | None = None  # with a model mode
+    pair: ModePair | None = None
+    """With a model mode."""
 
     def as_json(self) -> Json:
         """Return the mode as `summary.json` has it."""

@@ -25,8 +25,7 @@ class UpdatingSettings:
     """Emcee's."""
     guards: AcceptanceSettings = field(default_factory=AcceptanceSettings)
     change: ChangeSettings = field(default_factory=ChangeSettings)
-    structure: StructureSettings = field(
-        default_factory=StructureSettings, metadata=NEVER_A_KEY
-    )  # [structure]
-    population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none
+    structure: StructureSettings = field(default_factory=StructureSettings, metadata=NEVER_A_KEY)
+    """Section [structure]."""
+    population: str = ""
     """File of a farm's prior, written by `pilewatch farm --prior`; empty: none."""

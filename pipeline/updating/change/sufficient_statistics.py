@@ -158,16 +158,14 @@ class ChangeSums:
     """Of each segment's first window."""
     shares: FloatArray = field(default_factory=_NONE)
     """(K,) windows that a candidate stands for."""
-    segments: FloatArray = field(
-        default_factory=_NO_SEGMENTS
-    )  # (N_SUMS, K, J), y from the reference
+    segments: FloatArray = field(default_factory=_NO_SEGMENTS)
+    """Sums of every segment and track, y from the reference, (N_SUMS, K, J)."""
     reference: FloatArray = field(default_factory=_NONE)
     """Ln f when first seen, (J,)."""
     last: FloatArray = field(default_factory=_NO_PAIRS)
     """(2, J) y and σ² when last seen."""
-    scatter: FloatArray = field(
-        default_factory=_NO_PAIRS
-    )  # (2, J) Σ of squared differences, and their number
+    scatter: FloatArray = field(default_factory=_NO_PAIRS)
+    """Σ of squared differences, and their number, (2, J)."""
 
     @property
     def totals(self) -> FloatArray:

@@ -63,9 +63,8 @@ class ModeEvidence:
     """Σ w Σ_t⁻¹, (1 + n_channels, 1 + n_channels)."""
     information_mean: FloatArray
     """Σ w Σ_t⁻¹ d_t, (1 + n_channels,)."""
-    level_information: (
-        FloatArray  # Σ w l Σ_t⁻¹ and Σ w l² Σ_t⁻¹, their row of f, (2, 1 + n_channels)
-    )
+    level_information: FloatArray
+    """Σ w l Σ_t⁻¹ and Σ w l² Σ_t⁻¹, (2, 1 + n_channels, 1 + n_channels)."""
     track: int
     """Stays with the mode, also through a jump of its frequency."""
     n_windows: int
