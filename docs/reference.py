@@ -19,7 +19,6 @@ from typer.main import get_command
 
 from pipeline import messages
 from pipeline.cli import app
-from pipeline.export.results import RESULT_TABLES
 from pipeline.monitoring.alarms.settings import AlarmSettings
 from pipeline.scenario import Scenario
 from pipeline.updating.structural.settings import OTHERS, StructureSettings
@@ -30,150 +29,6 @@ from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import FIGURES
 
 HIDDEN = {"origin"}  # of a layout: set by the reader of the file
-
-
-# In place of what the code says beside the field, for readers of the site: type, key → meaning.
-WORDING = {
-    ("Scenario", "seed"): "Seed of every random choice: loads, noise, sampler.",
-    ("OmaSettings", "window_duration"): "Length of a window [s].",
-    ("OmaSettings", "hop"): "Time from one window's start to the next one's [s].",
-    ("OmaSettings", "lateness"): "Time for which a late block is waited for [s].",
-    ("OmaSettings", "lowest_frequency"): (
-        "Lowest frequency of a mode [Hz]; absent: as low as the window's length resolves."
-    ),
-    ("OmaSettings", "highest_frequency"): (
-        "Highest frequency of a mode [Hz]; absent: 0.45 × the sampling rate."
-    ),
-    ("OmaSettings", "reference_channels"): (
-        "Names of the channels that all are correlated with; absent: all channels."
-    ),
-    ("UpdatingSettings", "population"): (
-        "File of a farm's prior, written by `pilewatch farm --prior`; empty: none."
-    ),
-    ("PriorSettings", "lowest_ratio"): "Lower bound of each spring over nominal [-].",
-    ("PriorSettings", "highest_ratio"): "Upper bound of each spring over nominal [-].",
-    ("PriorSettings", "highest_sigma"): "Upper bound of σ, the relative model discrepancy [-].",
-    ("PairingSettings", "search_draws"): (
-        "Number of points of the prior that are tried when modes are paired."
-    ),
-    ("PairingSettings", "refined"): "Number of the best of these from which the fit is refined.",
-    ("LikelihoodSettings", "frequency_floor"): (
-        "Systematic error of a frequency, as a share of it [-]."
-    ),
-    ("LikelihoodSettings", "shape_floor"): (
-        "Systematic error of a shape's component, as a share of the largest [-]."
-    ),
-    ("LikelihoodSettings", "joint_covariance"): (
-        "Whether the correlations between the components of one mode are kept."
-    ),
-    ("LikelihoodSettings", "tails"): "Distribution of each mode's discrepancy.",
-    ("LikelihoodSettings", "modes"): (
-        "Labels of the model's modes that are compared; empty: all of them."
-    ),
-    ("SamplingSettings", "method"): (
-        "Sampler of an exact structure ([which one](../theory.md#samplers)); an uncertain one "
-        "takes none of them."
-    ),
-    ("ImportanceSettings", "effective_draws"): (
-        "Effective number of draws (Kish) at which sampling stops."
-    ),
-    ("ImportanceSettings", "draws"): "Number of draws of equal weight at the end.",
-    ("TemperingSettings", "samples"): "Number of samples of the last stage, and of draws.",
-    ("AcceptanceSettings", "reduced_chi_square"): (
-        "Largest reduced χ² of the frequencies that is trusted [-]."
-    ),
-    ("AcceptanceSettings", "paired_share"): (
-        "Least share of the identified modes that have a model mode [-]."
-    ),
-    ("AcceptanceSettings", "pairing_cost"): (
-        "Largest mean pairing cost of a mode that is trusted [-]."
-    ),
-    ("AcceptanceSettings", "rhat"): "R-hat above which chains have not converged [-].",
-    ("ChangeSettings", "years_between_false_alarms"): (
-        "Mean time between two false alarms of any kind [years]."
-    ),
-    ("ChangeSettings", "changes_per_year"): (
-        "Number of changes that is expected; it enters the reported probability of a change, "
-        "not the alarm."
-    ),
-    ("ChangeSettings", "certainty"): (
-        "Probability from which a change is called `foundation` or `modal-drift` [-]."
-    ),
-    ("OperationSettings", "allowed_states"): (
-        "States whose windows update the foundation. A window of an unknown state is used unless "
-        "it shows a state that is not in the list."
-    ),
-    ("RecordingSettings", "rotate_after"): (
-        "Age at which a file is closed and the next one begins [s]."
-    ),
-    ("RecordingSettings", "rotate_megabytes"): (
-        "Size at which a file is closed and the next one begins [10⁶ bytes]."
-    ),
-    ("RecordingSettings", "keep_days"): "Age from which samples are deleted; results stay [days].",
-    ("RecordingSettings", "keep_gigabytes"): (
-        "Size of all parts with samples, of earlier sessions in the folder too, above which the "
-        "oldest samples are deleted [10⁹ bytes]."
-    ),
-    ("RecordingSettings", "free_megabytes"): "Space that stays free on the disk [10⁶ bytes].",
-    ("LimitSettings", "channels"): (
-        "Largest number of channels of a unit; the time for a window grows with its square."
-    ),
-    ("LimitSettings", "block_megabytes"): "Largest size of a block's samples [10⁶ bytes].",
-    ("LimitSettings", "cpu_seconds"): (
-        "CPU time of a run for one window [s]; a window that needs more is rejected."
-    ),
-    ("LimitSettings", "window_values"): (
-        "Largest number of values of a window, samples × channels; each takes some 40 bytes while "
-        "it is identified. The default is sixteen channels at 1 kHz for ten minutes."
-    ),
-    ("LimitSettings", "units"): "Largest number of units of a turbine.",
-    ("LimitSettings", "turbines"): "Largest number of turbines; each takes 3 MB of the updating.",
-    ("PayloadMapping", "values"): 'Paths of the values in a row; `""` is the row itself.',
-    ("PayloadMapping", "rows"): (
-        'Paths of the rows in a message; `""`, or none of them there: the message is one row.'
-    ),
-    ("PayloadMapping", "names"): (
-        "Channels of an array: their names in its order, or the path of them in the message."
-    ),
-    ("PayloadMapping", "time"): (
-        "Paths of a row's time. Without this key a time named `ts` is found as well, which is not "
-        "read without a mapping."
-    ),
-    ("PayloadMapping", "earliest"): (
-        "A lower number counts from the message's arrival [s], which is no time: the message is "
-        "refused. SenML: `earliest = 268435456.0`, below which `-5` is five seconds ago."
-    ),
-    ("PayloadMapping", "name_base"): (
-        'Paths of what stands before each name: `name_base = "device"` makes `acc` of '
-        '`{"device": "t1/", "acc": 0.1}` the channel `t1/acc`.'
-    ),
-    ("PayloadMapping", "sequence_of"): (
-        "Paths of what the numbers of `sequence` belong to, beside the topic, where several "
-        'senders count on one topic: `sequence_of = "^properties.loggerID"`.'
-    ),
-    ("PayloadMapping", "carry"): (
-        "Keys of a row that hold for the rows behind it too, as the base values of SenML: "
-        '`carry = ["bn", "bt"]`.'
-    ),
-    ("LayoutFile", "layout_id"): (
-        "Name of the layout, in every message, one of each unit; absent: turbine and unit, joined "
-        "by a hyphen (`t1-tower`)."
-    ),
-    ("PayloadMapping", "rename"): (
-        'Names of the message and of the layout, where they differ: `{beschl_x = "ax"}`.'
-    ),
-    ("MqttSettings", "host"): "Name or address of the broker.",
-    ("MqttSettings", "port"): "Port of the broker; with TLS mostly 8883.",
-    ("MqttSettings", "user"): "User at the broker; empty: none.",
-    ("MailSettings", "host"): "Name or address of the mail server.",
-    ("MailSettings", "port"): "Port of the mail server: 587 with STARTTLS, 465 with `tls`.",
-    ("MailSettings", "user"): "User at the mail server; empty: none.",
-    ("TurbineDescription", "source"): "Where the values come from.",
-    ("TurbineDescription", "transition"): (
-        "Elevation of the monopile's top, where a transition piece sits [m]; absent: not known."
-    ),
-    ("Calibration", "springs_sign"): "Sign of k12 in the model of the calibration.",
-}
 
 
 def commands() -> str:
@@ -232,7 +87,7 @@ def keys_of(settings: Any, title: str, introduction: str, top: str = "Top of the
         lines += [_first_line(kind), "", "| key | value | default | meaning |", "|---|---|---|---|"]
         meanings, hints = field_meanings(kind), get_type_hints(kind)
         for each in keys(kind):
-            meaning = sentence(WORDING.get((kind.__name__, each.name), meanings.get(each.name, "")))
+            meaning = sentence(meanings.get(each.name, ""))
             shown = PATHS if each.type is Paths else value_name(hints[each.name])
             shown = TABLES.get((kind.__name__, each.name), shown)
             default = DEFAULTS.get((kind.__name__, each.name)) or _default(each)
@@ -289,19 +144,8 @@ def field_meanings(kind: Any) -> dict[str, str]:
             and isinstance(following.value.value, str)
         ):
             text = " ".join(following.value.value.split())
-        else:
-            text = _continued(text, lines[node.end_lineno :])
         meanings[node.target.id] = text
     return meanings
-
-
-def _continued(comment: str, below: list[str]) -> str:
-    """The comment beside a field with the lines of comments alone that continue it."""
-    for line in below if comment else ():
-        if not line.strip().startswith("#"):
-            break
-        comment += " " + line.strip().strip("# ")
-    return comment
 
 
 def sentence(meaning: str) -> str:
@@ -373,7 +217,11 @@ OTHER_MEANINGS = {
     "water_level": ("m", "water level where SCADA measures it"),
     "unknown_water_level": ("m", "water level where nothing measures it"),
     "sensor_gain": ("-", "sensitivity of each channel"),
-    "sensor_heading": ("deg", "heading of each sensor's axes"),
+    "sensor_heading": (
+        "deg",
+        "heading of all channels at one height together; of two single-axis sensors that are not "
+        "at right angles no heading explains both, and the warning `sensor` names the height",
+    ),
     "sensor_height": ("m", "height of each sensor"),
 }
 ORIGINS = {  # where the code's words leave open what is meant
@@ -466,179 +314,6 @@ def field_type(hint: Any) -> str:
     return "array" if "ndarray" in text else text.replace("|", "or")
 
 
-EXPORT = """`pilewatch export out --csv -o tables`, or `--parquet`, writes a file of each kind that the
-recording or the session's folder has; a kind without rows has no file.
-
-- **CSV**: a header row, then UTF-8 text with commas. Times are `2026-01-01 00:10:00.000000000Z`, in
-  UTC; truth values `true` and `false`. What is not known is an empty cell or `nan`. A text that a spreadsheet may take for a formula
-  has a `'` in front.
-- **Parquet**: the same columns under the same names, times as timestamps of nanoseconds in UTC, with
-  types of their own. `reprocess` writes the same tables in folders by turbine and month.
-
-The names below are those in the file, unit included: `table["k22_p05 [N·m/rad]"]`. A window is
-named by `turbine` and `window`.
-
-## samples-TURBINE-UNIT.csv, samples-TURBINE-UNIT.parquet
-
-A row a sample, a file for each acquisition unit; a unit whose channels change has another,
-`samples-TURBINE-UNIT-2`, from there on. Samples that are missing are missing rows.
-
-| column | unit | meaning |
-|---|---|---|
-| `time [s]` (CSV), `time` (Parquet) | s | CSV: seconds since 1970-01-01 UTC; Parquet: a timestamp |
-| `NAME [m/s²]`, `NAME [g]`, … | in its name | Readings of a channel, by its name in the layout; `ch1 [m/s²]`, `ch2 [m/s²]`, … where the layout is not known. |
-"""  # noqa: E501 - rows of tables
-
-# Rows of a table: file → what a row is.
-EXPORT_ROWS = {
-    "modes": "A row an identified mode and window.",
-    "mode_shapes": "A row an identified mode, window and channel.",
-    "posterior": "A row a window that has a posterior, of the windows since the last event.",
-    "figures": (
-        "A row an uncertain parameter of the structure or of a sensor and window; none where the "
-        "structure is exact."
-    ),
-    "pairs": "A row an identified mode that has a model mode, and window.",
-    "events": "A row an [event](../theory.md#events).",
-    "rejected": "A row a window that was rejected, by the identification or by the updating.",
-    "gaps": "A row a gap in the blocks of a unit.",
-    "scada": "A row a SCADA sample.",
-    "truth": "A row a time from which other springs hold; of simulations only.",
-}
-# Columns, without units: what they have, in all files or in one ("file.column").
-EXPORT_COLUMNS = {
-    "turbine": "Turbine id.",
-    "unit": "Acquisition unit id.",
-    "session": "Session id of the unit's stream: one per start of the unit.",
-    "window": "Windows since the session's start, rejected ones counted, from 0.",
-    "start": "Begin of the window.",
-    "end": "End of the window.",
-    "time": "End of the window.",
-    "number": (
-        "Number of the mode in its window, from 1. With `turbine` and `window` it names a mode in "
-        "`modes` and `mode_shapes`."
-    ),
-    "mode": "Name that the mode keeps from window to window; empty while it has none.",
-    "pair_id": "Two modes that cannot be separated share one; else empty.",
-    "frequency": "Undamped natural frequency.",
-    "frequency_std": "Its standard deviation.",
-    "damping_ratio": "Share of critical damping.",
-    "damping_ratio_std": "Its standard deviation.",
-    "phase_collinearity": "MPC of the complex shape; 1: all channels in phase.",
-    "presence": "Share of the model orders in which the mode was stable.",
-    "quality": "0 (doubtful) to 1 (sure).",
-    "weight": "Hop over window length: how much of the window is new.",
-    "operating_state": "State of the whole window by SCADA; empty: not known.",
-    "wind_speed": "At the hub; of a window its mean by SCADA.",
-    "rotor_speed": "Of the rotor; of a window its mean by SCADA.",
-    "yaw": "Of the nacelle, from the tower's x axis towards y; of a window its mean by SCADA.",
-    "water_level": "Above the mean water level; of a window its mean by SCADA.",
-    "channel": "Name of the channel.",
-    "component": "Component of the shape; the largest of a mode is 1.",
-    "component_std": "Its standard deviation; 0 of the largest one, which is 1 by definition.",
-    "windows": "Number of windows that entered since the last event.",
-    "k_median": "Median of the spring.",
-    "k_p05": "5 % quantile: lower end of the 90 % interval.",
-    "k_p95": "95 % quantile: upper end of the 90 % interval.",
-    "k_nominal": "The description's value.",
-    "sigma_median": "Median of σ, the relative discrepancy between model and truth.",
-    "sigma_p05": "5 % quantile of σ.",
-    "sigma_p95": "95 % quantile of σ.",
-    "correlation_k11_k22": "Correlation of the two springs in the posterior.",
-    "correlation_k11_k12": "Likewise.",
-    "correlation_k22_k12": "Likewise.",
-    "sampler": "`laplace`, `importance`, `emcee`, …",
-    "ess": "Smallest effective number of draws over the parameters.",
-    "rhat": "Largest split-R̂ over the parameters; `nan` with `laplace`.",
-    "reduced_chi_square": "Of the paired frequencies at σ = 0.",
-    "paired_share": "Share of the identified modes that have a model mode.",
-    "pairing_cost": "Mean pairing cost of an identified mode.",
-    "change_probability": "Probability that the modes have changed since the last event.",
-    "trusted": (
-        "Whether no check contradicts the posterior "
-        "([the checks](../theory.md#when-a-posterior-is-not-to-be-trusted))."
-    ),
-    "doubts": "Its warnings, `code: text`, apart by `; `; empty: none.",
-    "figure": "Key of the parameter, such as `steel_modulus`; of a sensor `gain NAME` or alike.",
-    "figures.unit": "Unit of the parameter, and of the next three columns.",
-    "median": "Median [in `unit`].",
-    "p05": "5 % quantile [in `unit`].",
-    "p95": "95 % quantile [in `unit`].",
-    "contraction": "1 − width of the interval over the prior's; 0: nothing was learned.",
-    "identified": (
-        "Name of the identified mode, as `mode` of `modes`; `m1+m2`: the mean of two that cannot "
-        "be separated."
-    ),
-    "model": "Label of the model mode.",
-    "pairs.frequency": "Identified frequency.",
-    "model_frequency": "The model's, at the median of the posterior.",
-    "mac": "Modal assurance criterion of the two shapes.",
-    "shape_used": "Whether the shape entered the likelihood; false: the frequency alone.",
-    "misfit": "Of the frequency, in standard deviations of the posterior's prediction.",
-    "information": "The mode's share of what all modes tell of the springs.",
-    "events.time": "End of the window in which the event was noticed.",
-    "kind": "`foundation`, `modal-drift` or `undecided`.",
-    "probability": "Probability that there was a change at all.",
-    "since": "Start of the first window after the change, most probably.",
-    "since_earliest": "Its 5 % quantile.",
-    "since_latest": "Its 95 % quantile.",
-    "k_change_median": "Change of the spring, a share of what it was; empty of a modal drift.",
-    "k_change_p05": "Its 5 % quantile.",
-    "k_change_p95": "Its 95 % quantile.",
-    "text": "One sentence.",
-    "code": "[Code](warnings.md) of the reason.",
-    "reason": "The reason, in words.",
-    "gaps.start": "Where the missing samples begin.",
-    "gaps.end": "Where samples go on.",
-    "duration": "From `start` to `end`.",
-    "first_sequence": "Number of the first missing block.",
-    "blocks": "Number of missing blocks.",
-    "scada.time": "Time of the sample.",
-    "state": "`parked`, `idling`, `start`, `operating` or `stop`; empty: not known.",
-    "pitch": "Of the blades; 90 is feathered.",
-    "power": "Electrical power.",
-    "truth.time": "From when it holds.",
-    "k": "True spring.",
-}
-SPRING = re.compile(r"^k(?:11|22|12)(?=_|$)")
-TIMES = "UTC"  # in place of a unit
-
-
-def column_parts(title: str) -> tuple[str, str]:
-    """A column's name and its unit; "" where it has none."""
-    name, _, unit = title.partition(" [")
-    return name, unit.removesuffix("]")
-
-
-def column_meaning(table: str, name: str) -> str:
-    """What a column of an export has; KeyError where that is not written yet."""
-    of_table, of_any = f"{table}.{name}", SPRING.sub("k", name)
-    return EXPORT_COLUMNS[of_table if of_table in EXPORT_COLUMNS else of_any]
-
-
-def export_tables() -> str:
-    """Every file of an export with its columns, as they stand in the file."""
-    lines = []
-    for table in RESULT_TABLES:
-        lines += [f"## {table.name}.csv, {table.name}.parquet", "", EXPORT_ROWS[table.name], ""]
-        lines += ["| column | unit | meaning |", "|---|---|---|"]
-        for field in table.schema:
-            name, unit = column_parts(field.name)
-            shown = unit or (TIMES if str(field.type).startswith("timestamp") else "")
-            lines.append(f"| `{field.name}` | {shown} | {column_meaning(table.name, name)} |")
-        lines.append("")
-    return "\n".join(lines)
-
-
-EXPORT_IMU = """## imu.mcap
-
-`pilewatch export out --imu -o tables` writes the samples alone, for Foxglove, PlotJuggler and RViz:
-topic `/TURBINE/UNIT/z145/imu` of each height, one message `sensor_msgs/msg/Imu` of ROS 2 (CDR) a
-sample. `linear_acceleration` has x fore-aft, y side-side, z up [m/s²]; an axis that no sensor
-measures is NaN.
-"""
-
-
 def pages() -> dict[str, str]:
     """Text of every page by its path in the site."""
     introduction = (Path(__file__).parent / "pages/reference/messages.md").read_text("utf-8")
@@ -649,7 +324,6 @@ def pages() -> dict[str, str]:
         "reference/description.md": keys_of(TurbineDescription, "Turbine description", DESCRIPTION),
         "reference/layout.md": keys_of(LayoutFile, "Layout file", LAYOUT),
         "reference/notices.md": keys_of(AlarmSettings, "Notices file", NOTICES),
-        "reference/export.md": f"# Files of an export\n\n{EXPORT}\n{export_tables()}\n{EXPORT_IMU}",
         "reference/messages.md": f"{introduction}\n{message_tables()}",
         "reference/mapping.md": keys_of(
             PayloadMapping, "Mapping of messages", MAPPING, top="[mapping]"

@@ -32,15 +32,23 @@ from sensors.structure.description import bare_mast
 class Outputs:
     """Where a session's results go."""
 
-    recording: Path | None = None  # MCAP file; None: nothing is recorded
-    metadata: Metadata | None = None  # stored in the recording
+    recording: Path | None = None
+    """MCAP file; None: nothing is recorded."""
+    metadata: Metadata | None = None
+    """Stored in the recording."""
     views: tuple[ViewerOutput, ...] = ()
-    session: str = "pilewatch"  # what the viewer calls it
-    checkpoints: Path | None = None  # folder of the updating's snapshots; None: nothing is kept
-    tracks: Path | None = None  # folder of the identification's snapshots
-    earlier: tuple[Path, ...] = ()  # recordings in which it finds the samples of an open window
-    epoch: int = 0  # number of the run that writes into the folders
-    live: bool = False  # the instruments measure now
+    session: str = "pilewatch"
+    """What the viewer calls it."""
+    checkpoints: Path | None = None
+    """Folder of the updating's snapshots; None: nothing is kept."""
+    tracks: Path | None = None
+    """Folder of the identification's snapshots."""
+    earlier: tuple[Path, ...] = ()
+    """Recordings in which it finds the samples of an open window."""
+    epoch: int = 0
+    """Number of the run that writes into the folders."""
+    live: bool = False
+    """The instruments measure now."""
 
 
 def build(

@@ -24,8 +24,10 @@ UNCERTAIN_STRUCTURE = "uncertain"  # structure of a posterior whose figures are 
 class QualityWarning:
     """A reservation about a result that is still given; codes are stable, texts are for people."""
 
-    code: str  # e.g. "non-stationary", "clipped", "harmonic"
-    text: str  # one sentence with the quantity, its unit and what it means
+    code: str
+    """Stable name, such as "non-stationary", "clipped" or "harmonic"."""
+    text: str
+    """One sentence with the quantity, its unit and what it means."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,18 +41,30 @@ class Mode:
     columns are the mode's own (the spread over model orders).
     """
 
-    name: str  # stays with the mode from window to window; "" while untracked
-    frequency: float  # f, undamped natural frequency [Hz]
-    frequency_std: float  # [Hz]
-    damping_ratio: float  # ζ, fraction of critical [-]
-    damping_ratio_std: float  # [-]
-    shape: FloatArray  # φ, (n_channels,) [-], channel order of the estimate
-    covariance_factor: FloatArray  # F, (2 + n_channels, n_columns)
-    n_block_columns: int  # columns of F common to all modes of the estimate
-    phase_collinearity: float = 1.0  # MPC of the complex shape, 1 = all channels in phase [-]
-    presence: float = 1.0  # share of the model orders in which the mode was stable [-]
-    quality: float = 1.0  # 0 (doubtful) to 1 (sure) [-]
-    pair_id: str = ""  # two modes that cannot be separated share one id; else ""
+    name: str
+    """Name that stays with the mode from window to window; "" while untracked."""
+    frequency: float
+    """Undamped natural frequency f [Hz]."""
+    frequency_std: float
+    """Standard deviation of the frequency [Hz]."""
+    damping_ratio: float
+    """Damping ratio ζ, share of critical [-]."""
+    damping_ratio_std: float
+    """Standard deviation of the damping ratio [-]."""
+    shape: FloatArray
+    """Shape φ in the channel order of the estimate, (n_channels,) [-]."""
+    covariance_factor: FloatArray
+    """Factor F of the covariance F Fᵀ of (f, ζ, φ), (2 + n_channels, n_columns)."""
+    n_block_columns: int
+    """Columns of F common to all modes of the estimate."""
+    phase_collinearity: float = 1.0
+    """MPC of the complex shape, 1 = all channels in phase [-]."""
+    presence: float = 1.0
+    """Share of the model orders in which the mode was stable [-]."""
+    quality: float = 1.0
+    """From 0 (doubtful) to 1 (sure) [-]."""
+    pair_id: str = ""
+    """Two modes that cannot be separated share one id; else ""."""
 
     @property
     def half_bandwidth(self) -> float:
@@ -119,20 +133,29 @@ class ModalEstimate:
     """The modes identified in one window, lowest frequency first."""
 
     turbine: str
-    window: int  # windows since the session's start, rejected ones counted, from 0
+    window: int
+    """Windows since the session's start, rejected ones counted, from 0."""
     start_ns: int
     end_ns: int
     layout_id: str
-    channels: tuple[str, ...]  # names of the channels that the shapes' components belong to
+    channels: tuple[str, ...]
+    """Names of the channels that the shapes' components belong to."""
     modes: tuple[Mode, ...]
-    weight: float = 1.0  # hop / window duration: how much of the window is new [-]
+    weight: float = 1.0
+    """Hop over window length: how much of the window is new [-]."""
     warnings: tuple[QualityWarning, ...] = ()
-    operating_state: str = ""  # of the whole window by SCADA, see ScadaSample; "" unknown
-    wind_speed: float = float("nan")  # mean over the window by SCADA [m/s]; NaN unknown
-    rotor_speed: float = float("nan")  # [rpm]
-    yaw: float = float("nan")  # [deg]
-    water_level: float = float("nan")  # [m]
-    origins: tuple[UnitOrigin, ...] = ()  # identity of the window; none in older recordings
+    operating_state: str = ""
+    """State of the whole window by SCADA, see ScadaSample; "" unknown."""
+    wind_speed: float = float("nan")
+    """Mean wind speed by SCADA [m/s]; NaN: not known."""
+    rotor_speed: float = float("nan")
+    """Mean speed of the rotor [rpm]; NaN: not known."""
+    yaw: float = float("nan")
+    """Mean direction of the nacelle, from the tower's x axis towards y [deg]; NaN: not known."""
+    water_level: float = float("nan")
+    """Mean level above the mean water level [m]; NaN: not known."""
+    origins: tuple[UnitOrigin, ...] = ()
+    """Identity of the window; none in older recordings."""
 
     @property
     def duration(self) -> float:
@@ -144,10 +167,14 @@ class ModalEstimate:
 class RefusedMode:
     """What looked like a mode in a window and is not reported."""
 
-    frequency: float  # f [Hz]
-    damping_ratio: float  # ζ [-]
-    code: str  # stable name of the reason
-    text: str  # one sentence with the figure that decided
+    frequency: float
+    """Frequency f [Hz]."""
+    damping_ratio: float
+    """Damping ratio ζ [-]."""
+    code: str
+    """Stable name of the reason."""
+    text: str
+    """One sentence with the figure that decided."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,15 +185,22 @@ class StabilisationDiagram:
     """
 
     turbine: str
-    window: int  # the ModalEstimate's
+    window: int
+    """Number of the window, that of its ModalEstimate."""
     start_ns: int
     end_ns: int
-    orders: NDArray[np.float32]  # model order, (n_poles,) [-]
-    bands: NDArray[np.float32]  # frequency band it was identified in, slowest 0, (n_poles,) [-]
-    frequencies: NDArray[np.float32]  # (n_poles,) [Hz]
-    frequency_stds: NDArray[np.float32]  # (n_poles,) [Hz]
-    damping_ratios: NDArray[np.float32]  # (n_poles,) [-]
-    refused: tuple[RefusedMode, ...] = ()  # in order of frequency
+    orders: NDArray[np.float32]
+    """Model order of each pole, (n_poles,) [-]."""
+    bands: NDArray[np.float32]
+    """Frequency band in which each pole was identified, slowest 0, (n_poles,) [-]."""
+    frequencies: NDArray[np.float32]
+    """Frequency of each pole, (n_poles,) [Hz]."""
+    frequency_stds: NDArray[np.float32]
+    """Standard deviation of each frequency, (n_poles,) [Hz]."""
+    damping_ratios: NDArray[np.float32]
+    """Damping ratio of each pole, (n_poles,) [-]."""
+    refused: tuple[RefusedMode, ...] = ()
+    """Modes that were refused, in order of frequency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,12 +211,14 @@ class WindowRejected:
     window: int
     start_ns: int
     end_ns: int
-    code: str  # stable: "gap", "nan", "constant", …
-    reason: str  # for people: "gap of 0.4 s in unit tower at 12.0 s"
-    origins: tuple[UnitOrigin, ...] = ()  # identity of the window
-    windows_before: int = (
-        0  # windows right before it that lie in the same gap: this rejects them too
-    )
+    code: str
+    """Stable name of the reason: "gap", "nan", "constant", …"""
+    reason: str
+    """The reason in words: "gap of 0.4 s in unit tower at 12.0 s"."""
+    origins: tuple[UnitOrigin, ...] = ()
+    """Identity of the window."""
+    windows_before: int = 0
+    """Windows right before it that lie in the same gap: this rejects them too."""
 
 
 def without_covariances(estimate: ModalEstimate) -> ModalEstimate:
@@ -223,37 +259,55 @@ def same_window(one: ModalEstimate | WindowRejected, other: ModalEstimate | Wind
 class ModePair:
     """An identified mode and the model mode it was taken for."""
 
-    identified: str  # Mode.name
-    model: str  # the model's label: "1" to "11" are Table 1's, then the other visible ones
-    frequency: float  # identified [Hz]
-    frequency_std: float  # [Hz]
-    model_frequency: float  # at the posterior's median [Hz]
-    mac: float  # modal assurance criterion [-]
-    shape_used: bool  # False where only the frequency entered the likelihood
-    misfit: float = float("nan")  # of the frequency to the posterior, in standard deviations [-]
-    information: float = float("nan")  # its share of all modes' on the stiffness [-]
+    identified: str
+    """Name of the identified mode."""
+    model: str
+    """Label of the model mode: "1" to "11" are Table 1's, then the other visible ones."""
+    frequency: float
+    """Frequency of the identified mode [Hz]."""
+    frequency_std: float
+    """Standard deviation of the identified frequency [Hz]."""
+    model_frequency: float
+    """Frequency of the model mode at the posterior's median [Hz]."""
+    mac: float
+    """Modal assurance criterion of the two shapes [-]."""
+    shape_used: bool
+    """Whether the shape entered the likelihood; False: the frequency alone."""
+    misfit: float = float("nan")
+    """Difference of the frequencies in standard deviations of the posterior's prediction [-]."""
+    information: float = float("nan")
+    """The mode's share of what all modes tell of the springs [-]."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterSummary:
     """Marginal posterior of one parameter, or of a figure of the structure that is uncertain."""
 
-    name: str  # "k11", "k22", "k12" or "sigma"; "rna_mass", …
+    name: str
+    """Key: "k11", "k22", "k12", "sigma"; of the structure "rna_mass", …"""
     unit: str
-    nominal: float  # the turbine description's value [unit]; 1 for sigma and for factors
-    median: float  # [unit]
-    p05: float  # 5 % quantile [unit]
-    p95: float  # 95 % quantile [unit]
-    contraction: float = float("nan")  # 1 − interval / the prior's; 0: nothing was learned [-]
+    nominal: float
+    """The turbine description's value [unit]; 1 for sigma and for factors."""
+    median: float
+    """Median [unit]."""
+    p05: float
+    """5 % quantile [unit]."""
+    p95: float
+    """95 % quantile [unit]."""
+    contraction: float = float("nan")
+    """1 − interval / the prior's; 0: nothing was learned [-]."""
 
 
 @dataclass(frozen=True, slots=True)
 class FigureShare:
     """What one uncertain figure of the structure adds to each spring's uncertainty."""
 
-    name: str  # of the figure, or "measurement": what is left
-    k11: float  # share of the variance of ln k11 [-]
-    k22: float  # likewise
+    name: str
+    """Key of the figure, or "measurement": what is left."""
+    k11: float
+    """Share of the variance of ln k11 [-]."""
+    k22: float
+    """Share of the variance of ln k22 [-]."""
     k12: float
 
 
@@ -265,10 +319,14 @@ class FigureError:
     turbines of one description have it in common.
     """
 
-    name: str  # of the figure, "water_level", or "systematic k11": identification and mesh
-    k11: float  # [-]
-    k22: float  # [-]
-    k12: float  # [-]
+    name: str
+    """Key of the figure, "water_level", or "systematic k11": identification and mesh."""
+    k11: float
+    """Error of ln k11 [-]."""
+    k22: float
+    """Error of ln k22 [-]."""
+    k12: float
+    """Error of ln k12 [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,18 +334,24 @@ class StructureAlternative:
     """One of several structures that no figure leads between: flooded or not, …"""
 
     name: str
-    probability: float  # given the data [-]
+    probability: float
+    """Probability given the data [-]."""
 
 
 @dataclass(frozen=True, slots=True)
 class RelativeStiffness:
     """A stiffness over that of a reference period; errors of the structure cancel."""
 
-    name: str  # "k11", "k22" or "k12"
-    median: float  # [-]
-    p05: float  # 5 % quantile [-]
-    p95: float  # 95 % quantile [-]
-    reference_ns: int  # end of the reference period
+    name: str
+    """The spring: "k11", "k22" or "k12"."""
+    median: float
+    """Median of the ratio [-]."""
+    p05: float
+    """5 % quantile of the ratio [-]."""
+    p95: float
+    """95 % quantile of the ratio [-]."""
+    reference_ns: int
+    """End of the reference period [ns since 1970-01-01 UTC]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -295,36 +359,62 @@ class FoundationPosterior:
     """Posterior of the foundation's coupled springs given all accepted windows so far."""
 
     turbine: str
-    window: int  # the last window that entered
-    time_ns: int  # end of that window
-    n_windows: int  # windows that entered
-    parameters: tuple[ParameterSummary, ...]  # k11, k22, k12, sigma
-    correlation: FloatArray  # (3, 3) of k11, k22, k12 [-]
+    window: int
+    """Number of the last window that entered."""
+    time_ns: int
+    """End of that window [ns since 1970-01-01 UTC]."""
+    n_windows: int
+    """Number of windows that entered."""
+    parameters: tuple[ParameterSummary, ...]
+    """Summaries of k11, k22, k12 and σ."""
+    correlation: FloatArray
+    """Correlation of k11, k22 and k12, (3, 3) [-]."""
     draws: FloatArray
-    """(n_draws, 4), at most 1000 of the draws: k11 [N/m], k22 [N·m/rad], k12 [N/rad], σ [-]."""
+    """At most 1000 of the draws, (n_draws, 4): k11 [N/m], k22 [N·m/rad], k12 [N/rad], σ [-]."""
     pairs: tuple[ModePair, ...]
-    model_labels: tuple[str, ...]  # of every model mode the sensors can see
-    model_frequencies: FloatArray  # (n_labels,) at the median [Hz]
-    model_shapes: FloatArray  # (n_labels, n_channels) at the median, largest component 1 [-]
-    sampler: str  # "emcee", …
-    ess: float  # smallest effective sample size over the parameters
-    rhat: float  # largest split-R̂ over the parameters
-    autocorrelation_time: float  # largest τ over the parameters [steps]; NaN: there is no chain
-    reduced_chi_square: float  # of the paired frequencies at σ = 0 [-]
-    paired_share: float  # identified modes that found a model mode [-]
-    pairing_cost: float  # mean cost per identified mode [-]
-    trusted: bool = True  # False: published, but the data contradict the model
+    model_labels: tuple[str, ...]
+    """Labels of all model modes that the sensors can see."""
+    model_frequencies: FloatArray
+    """Their frequencies at the median, (n_labels,) [Hz]."""
+    model_shapes: FloatArray
+    """Their shapes at the median, largest component 1, (n_labels, n_channels) [-]."""
+    sampler: str
+    """Name of the sampler: "laplace", "importance", "emcee", …"""
+    ess: float
+    """Smallest effective sample size over the parameters."""
+    rhat: float
+    """Largest split-R̂ over the parameters."""
+    autocorrelation_time: float
+    """Largest τ over the parameters [steps]; NaN: there is no chain."""
+    reduced_chi_square: float
+    """Reduced χ² of the paired frequencies at σ = 0 [-]."""
+    paired_share: float
+    """Share of the identified modes that have a model mode [-]."""
+    pairing_cost: float
+    """Mean pairing cost of an identified mode [-]."""
+    trusted: bool = True
+    """Whether no check contradicts the posterior; False: published all the same."""
     warnings: tuple[QualityWarning, ...] = ()
-    population: str = ""  # the farm's prior that it began with; "": that of a turbine alone
-    figures: tuple[ParameterSummary, ...] = ()  # of the structure that are uncertain as well
-    change_probability: float = 0.0  # that the modes have changed since the last event [-]
-    structure: str = ""  # "exact", "uncertain"; "" in messages from before there was a choice
-    budget: tuple[FigureShare, ...] = ()  # of the springs' variance; none for an exact structure
-    alternatives: tuple[StructureAlternative, ...] = ()  # likeliest first
-    unpredicted_share: float = 0.0  # of the modes, each predicted by the others [-]
-    relative: tuple[RelativeStiffness, ...] = ()  # to the period before the last event
-    figure_errors: tuple[FigureError, ...] = ()  # of the description; none for an exact structure
-    origins: tuple[UnitOrigin, ...] = ()  # identity of the last window that entered
+    population: str = ""
+    """Name of the farm's prior that it began with; "": that of a turbine alone."""
+    figures: tuple[ParameterSummary, ...] = ()
+    """Summaries of the structure's parameters that are uncertain as well."""
+    change_probability: float = 0.0
+    """Probability that the modes have changed since the last event [-]."""
+    structure: str = ""
+    """"exact" or "uncertain"; "" in messages from before there was a choice."""
+    budget: tuple[FigureShare, ...] = ()
+    """Shares of the springs' variance; none for an exact structure."""
+    alternatives: tuple[StructureAlternative, ...] = ()
+    """Alternatives of the description, likeliest first."""
+    unpredicted_share: float = 0.0
+    """Share of the modes that the others do not predict [-]."""
+    relative: tuple[RelativeStiffness, ...] = ()
+    """Springs relative to the period before the last event."""
+    figure_errors: tuple[FigureError, ...] = ()
+    """Errors that the description's figures make; none for an exact structure."""
+    origins: tuple[UnitOrigin, ...] = ()
+    """Identity of the last window that entered."""
 
     def parameter(self, name: str) -> ParameterSummary:
         """Return the parameter of that name; KeyError where there is none."""
@@ -339,34 +429,50 @@ class PooledPosterior:
     """A turbine's springs given its own measurements and those of the other turbines alike."""
 
     turbine: str
-    window: int  # of the FoundationPosterior that entered
-    time_ns: int  # end of that window
-    n_turbines: int  # that were pooled, this one included
-    parameters: tuple[ParameterSummary, ...]  # k11, k22, k12
-    outlier_probability: float  # that this turbine is unlike the others [-]
-    text: str  # one sentence for people
+    window: int
+    """Number of the window whose FoundationPosterior entered."""
+    time_ns: int
+    """End of that window [ns since 1970-01-01 UTC]."""
+    n_turbines: int
+    """Number of turbines that were pooled, this one included."""
+    parameters: tuple[ParameterSummary, ...]
+    """Summaries of k11, k22 and k12."""
+    outlier_probability: float
+    """Probability that this turbine is unlike the others [-]."""
+    text: str
+    """One sentence for people."""
 
 
 @dataclass(frozen=True, slots=True)
 class StiffnessChange:
     """By how much one stiffness has changed, as a share of what it was before."""
 
-    name: str  # "k11", "k22" or "k12"
-    median: float  # [-]
-    p05: float  # 5 % quantile [-]
-    p95: float  # 95 % quantile [-]
-    random_walk: float  # the same by a stiffness that walks from window to window [-]
-    random_walk_std: float  # [-]
+    name: str
+    """The spring: "k11", "k22" or "k12"."""
+    median: float
+    """Median of the change, a share of what the spring was [-]."""
+    p05: float
+    """5 % quantile of the change [-]."""
+    p95: float
+    """95 % quantile of the change [-]."""
+    random_walk: float
+    """The same change by a stiffness that walks from window to window [-]."""
+    random_walk_std: float
+    """Its standard deviation [-]."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrequencyShift:
     """By how much one mode's frequency has changed, water level and the like taken out."""
 
-    model: str  # label of the model's mode it is paired with; "" for none
-    frequency: float  # before the change [Hz]
-    change: float  # share of it [-]
-    change_std: float  # [-]
+    model: str
+    """Label of the model mode it is paired with; "" for none."""
+    frequency: float
+    """Frequency before the change [Hz]."""
+    change: float
+    """Change of the frequency, a share of it [-]."""
+    change_std: float
+    """Standard deviation of the change [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,17 +480,28 @@ class FoundationEvent:
     """The structure is no longer what it was: its foundation, or something else in its modes."""
 
     turbine: str
-    window: int  # in which it was noticed
-    time_ns: int  # end of that window
-    kind: str  # "foundation": the stiffness explains it; "modal-drift": it does not; "undecided"
-    probability: float  # that there was a change at all [-]
-    since_ns: int  # start of the first window after the change, most probably
-    since_earliest_ns: int  # 5 % quantile
-    since_latest_ns: int  # 95 % quantile
-    changes: tuple[StiffnessChange, ...]  # k11, k22, k12; none for a modal drift
-    shifts: tuple[FrequencyShift, ...]  # of every mode seen before and after
-    text: str  # one sentence for people
-    origins: tuple[UnitOrigin, ...] = ()  # identity of the window in which it was noticed
+    window: int
+    """Number of the window in which it was noticed."""
+    time_ns: int
+    """End of that window [ns since 1970-01-01 UTC]."""
+    kind: str
+    """"foundation": the stiffness explains it; "modal-drift": it does not; "undecided"."""
+    probability: float
+    """Probability that there was a change at all [-]."""
+    since_ns: int
+    """Start of the first window after the change, most probably."""
+    since_earliest_ns: int
+    """5 % quantile of `since_ns`."""
+    since_latest_ns: int
+    """95 % quantile of `since_ns`."""
+    changes: tuple[StiffnessChange, ...]
+    """Changes of k11, k22 and k12; none for a modal drift."""
+    shifts: tuple[FrequencyShift, ...]
+    """Shifts of all modes seen before and after."""
+    text: str
+    """One sentence for people."""
+    origins: tuple[UnitOrigin, ...] = ()
+    """Identity of the window in which it was noticed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -392,10 +509,14 @@ class FoundationTruth:
     """The true stiffness of a simulated turbine. No node that estimates ever takes it."""
 
     turbine: str
-    time_ns: int  # from when it holds
-    k11: float  # [N/m]
-    k22: float  # [N·m/rad]
-    k12: float  # [N/rad]
+    time_ns: int
+    """Time from which the springs hold [ns since 1970-01-01 UTC]."""
+    k11: float
+    """Lateral spring [N/m]."""
+    k22: float
+    """Rotational spring [N·m/rad]."""
+    k12: float
+    """Coupling spring [N/rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -405,9 +526,12 @@ class StreamGap:
     turbine: str
     unit: str
     session: str
-    start_ns: int  # where the missing samples begin
-    end_ns: int  # where samples resume
-    first_sequence: int  # of the missing blocks
+    start_ns: int
+    """Time at which the missing samples begin [ns since 1970-01-01 UTC]."""
+    end_ns: int
+    """Time at which samples resume [ns since 1970-01-01 UTC]."""
+    first_sequence: int
+    """Number of the first missing block."""
     n_blocks: int
 
     @property
@@ -423,8 +547,10 @@ class StreamEnd:
     turbine: str
     unit: str
     session: str
-    time_ns: int  # end of the last block
-    n_blocks: int  # blocks published in all
+    time_ns: int
+    """End of the last block [ns since 1970-01-01 UTC]."""
+    n_blocks: int
+    """Number of blocks published in all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,9 +558,9 @@ class BlockRange:
     """Blocks of one session that follow each other."""
 
     first: int
-    """Number of the first."""
+    """Number of the first block."""
     end: int
-    """One past the number of the last."""
+    """One past the number of the last block."""
     earliest_ns: int
     """Earliest `start_ns` of them."""
     latest_ns: int
@@ -453,9 +579,9 @@ class RecordedUntil:
     unit: str
     session: str
     time_ns: int
-    """Clock of the recorder's machine."""
+    """Time by the clock of the recorder's machine [ns since 1970-01-01 UTC]."""
     ranges: tuple[BlockRange, ...]
-    """In order; of many the latest."""
+    """Ranges of recorded blocks, in order; of many the latest."""
 
     def has(self, sequence: int, start_ns: int) -> bool:
         """Whether a block is on disk."""
@@ -466,7 +592,8 @@ class RecordedUntil:
 class MessageCount:
     """How many messages of one type a node took or gave."""
 
-    message: str  # type name, e.g. "ModalEstimate"
+    message: str
+    """Name of the type, such as "ModalEstimate"."""
     count: int
 
 
@@ -481,20 +608,31 @@ class NodeStatus:
 
     turbine: str
     node: str
-    time_ns: int  # clock of the machine the node runs on
-    state: str  # "ready" | "running" | "stopped"
-    last_sequence: int  # of the last AccelerationBlock handled; -1 before the first
+    time_ns: int
+    """Time by the clock of the machine that the node runs on [ns since 1970-01-01 UTC]."""
+    state: str
+    """State: "ready", "running" or "stopped"."""
+    last_sequence: int
+    """Number of the last AccelerationBlock handled; -1 before the first."""
     received: tuple[MessageCount, ...] = ()
     published: tuple[MessageCount, ...] = ()
-    lost: int = 0  # acceleration blocks that never came
-    late: int = 0  # blocks that came too late to be used
-    duplicate: int = 0  # blocks that came twice
-    busy_s: float = 0.0  # time spent in handling messages [s]
+    lost: int = 0
+    """Number of acceleration blocks that never came."""
+    late: int = 0
+    """Number of blocks that came too late to be used."""
+    duplicate: int = 0
+    """Number of blocks that came twice."""
+    busy_s: float = 0.0
+    """Time spent in handling messages [s]."""
     warnings: tuple[QualityWarning, ...] = field(default=())
-    malformed: int = 0  # messages that were dropped: forged, oversized, broken
-    recovered: int = 0  # blocks that came when their link was back, from where they were kept
-    recorded: int = 0  # of a recorder: blocks in its recording, those of its earlier parts too
-    refused: tuple[MessageCount, ...] = ()  # blocks that were not used, by the reason's code
+    malformed: int = 0
+    """Number of messages that were dropped: forged, oversized, broken."""
+    recovered: int = 0
+    """Number of blocks that came when their link was back, from where they were kept."""
+    recorded: int = 0
+    """Of a recorder: number of blocks in its recording, those of its earlier parts too."""
+    refused: tuple[MessageCount, ...] = ()
+    """Number of blocks that were not used, by the reason's code."""
 
     @property
     def has_blocks(self) -> bool:

@@ -154,7 +154,8 @@ class _Reader:
         try:
             return cls(**values)
         except InputError as error:
-            raise self.error(f"{where}: {error}") from error
+            section = f"{where[where.find('[') :]} "  # which checks of one section's own name, too
+            raise self.error(f"{where}: {str(error).removeprefix(section)}") from error
 
     def _check_keys(
         self, cls: type, table: Mapping[str, Any], known: Mapping[str, Field[Any]], where: str

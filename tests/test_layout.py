@@ -1,7 +1,9 @@
 """The folders keep their plan: twelve modules at most, arrows one way, one meaning a name."""
 
 import ast
+import io
 import re
+import tokenize
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
@@ -189,3 +191,26 @@ def test_no_node_is_asked_for_what_it_may_not_have() -> None:
         and "node" in ast.unparse(node.args[0])
     ]
     assert not asking
+
+
+def _commented_fields(path: Path) -> list[str]:
+    """Fields of a module's public dataclasses that a comment documents, where help() has none."""
+    source = path.read_text("utf-8")
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    comments = {token.start[0] for token in tokens if token.type == tokenize.COMMENT}
+    return [
+        f"{kind.name}.{ast.unparse(field.target)}"
+        for kind in ast.walk(ast.parse(source))
+        if isinstance(kind, ast.ClassDef) and not kind.name.startswith("_")
+        if any("dataclass" in ast.unparse(each) for each in kind.decorator_list)
+        for field in kind.body
+        if isinstance(field, ast.AnnAssign) and "ClassVar" not in ast.unparse(field.annotation)
+        if comments & {*range(field.lineno, (field.end_lineno or field.lineno) + 1)}
+        if not ast.unparse(field.target).startswith("_")
+    ]
+
+
+def test_fields_of_public_dataclasses_are_documented_by_docstrings() -> None:
+    paths = [path for top in ("sensors", "pipeline") for path in (ROOT / top).rglob("*.py")]
+    found = {path: _commented_fields(path) for path in paths}
+    assert {path.name: names for path, names in found.items() if names} == {}

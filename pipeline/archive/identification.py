@@ -44,7 +44,8 @@ class IdentificationCall:
 
     task: IdentificationTask
     settings: OmaSettings
-    layouts: tuple[SensorLayout, ...] = ()  # of its blocks, from whatever file has them
+    layouts: tuple[SensorLayout, ...] = ()
+    """Of its blocks, from whatever file has them."""
 
     @property
     def key(self) -> str:

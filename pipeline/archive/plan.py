@@ -36,26 +36,37 @@ class Piece:
     path: Path
     unit: str
     session: str
-    first_sample: int  # of the session: the first that is wanted
-    end_sample: int  # one after the last
-    shift: int  # to be added to a sample's number in its session: since the task's first
-    sequence_shift: int  # the same for blocks
+    first_sample: int
+    """Of the session: the first that is wanted."""
+    end_sample: int
+    """One after the last."""
+    shift: int
+    """To be added to a sample's number in its session: since the task's first."""
+    sequence_shift: int
+    """The same for blocks."""
 
 
 @dataclass(frozen=True, slots=True)
 class IdentificationTask:
     """The windows of one turbine that begin in one file."""
 
-    path: Path  # of that file
-    fingerprints: tuple[str, ...]  # of every file that is read, `before` among them
+    path: Path
+    """Of that file."""
+    fingerprints: tuple[str, ...]
+    """Of every file that is read, `before` among them."""
     turbine: str
-    layout_ids: tuple[str, ...]  # of the blocks
-    pieces: tuple[Piece, ...]  # in order of time; () the file is taken as it is
+    layout_ids: tuple[str, ...]
+    """Of the blocks."""
+    pieces: tuple[Piece, ...]
+    """In order of time; () the file is taken as it is."""
     start_ns: int
     end_ns: int
-    n_windows: int  # complete ones and the one that a chain ends in; 0 where not known before
-    before: Path | None = None  # file that the chain comes from: SCADA's last report stands there
-    in_order: bool = True  # whether the pieces hold their samples in order
+    n_windows: int
+    """Complete ones and the one that a chain ends in; 0 where not known before."""
+    before: Path | None = None
+    """File that the chain comes from: SCADA's last report stands there."""
+    in_order: bool = True
+    """Whether the pieces hold their samples in order."""
 
     @property
     def content(self) -> str:
@@ -70,8 +81,10 @@ class TurbinePlan:
     """Everything that an archive holds of one turbine."""
 
     turbine: str
-    tasks: tuple[IdentificationTask, ...]  # in order of time
-    gaps: tuple[StreamGap, ...]  # within chains, in order of time
+    tasks: tuple[IdentificationTask, ...]
+    """In order of time."""
+    gaps: tuple[StreamGap, ...]
+    """Within chains, in order of time."""
 
 
 @dataclass(frozen=True, slots=True)

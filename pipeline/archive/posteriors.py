@@ -52,7 +52,8 @@ class UpdatingPlan:
     settings: UpdatingSettings
     operation: OperationSettings
     seed: int
-    population: StiffnessPopulation | None = None  # the farm's prior; None: the uniform one
+    population: StiffnessPopulation | None = None
+    """The farm's prior; None: the uniform one."""
 
     def made(self) -> FoundationUpdater:
         """Return the updater."""
@@ -90,8 +91,10 @@ class StretchCall:
     """Windows whose posteriors are wanted, after the sums of those before them."""
 
     plan: UpdatingPlan
-    state: bytes  # checkpoint: the sums before the first, and the last anchor
-    estimates: tuple[bytes, ...]  # as they are kept, in order
+    state: bytes
+    """Checkpoint: the sums before the first, and the last anchor."""
+    estimates: tuple[bytes, ...]
+    """As they are kept, in order."""
 
     @property
     def key(self) -> str:
@@ -139,8 +142,10 @@ def _updater(plan: UpdatingPlan) -> FoundationUpdater:
 class SavedPass:
     """What a pass remembers between days."""
 
-    state: bytes  # checkpoint of the updating
-    since_anchor: int | None  # windows; None: there was no anchor yet
+    state: bytes
+    """Checkpoint of the updating."""
+    since_anchor: int | None
+    """Windows; None: there was no anchor yet."""
 
 
 class PosteriorPass:

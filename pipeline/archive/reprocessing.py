@@ -55,11 +55,14 @@ class ArchiveReport:
     rejected: int = 0
     posteriors: int = 0
     events: int = 0
-    found_finished: int = 0  # results that an earlier run had left
+    found_finished: int = 0
+    """Results that an earlier run had left."""
     done_now: int = 0
-    copies: tuple[Path, ...] = ()  # files whose bytes another one has
+    copies: tuple[Path, ...] = ()
+    """Files whose bytes another one has."""
     failures: list[FileFailure] = field(default_factory=list)
-    salvaged: list[FileFailure] = field(default_factory=list)  # files that are used in part
+    salvaged: list[FileFailure] = field(default_factory=list)
+    """Files that are used in part."""
     tables: tuple[Path, ...] = ()
 
 

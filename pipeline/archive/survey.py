@@ -68,10 +68,13 @@ class FileSurvey:
 
     path: Path
     fingerprint: str
-    parts: tuple[Part, ...]  # in order of time
+    parts: tuple[Part, ...]
+    """In order of time."""
     layouts: tuple[SensorLayout, ...]
-    scenario: tuple[tuple[str, str], ...] = ()  # it was made under, as `scenario_metadata` has it
-    damage: str = ""  # what of it cannot be read; "" where all can
+    scenario: tuple[tuple[str, str], ...] = ()
+    """It was made under, as `scenario_metadata` has it."""
+    damage: str = ""
+    """What of it cannot be read; "" where all can."""
 
 
 def archive_files(patterns: Iterable[str]) -> tuple[Path, ...]:

@@ -28,10 +28,14 @@ class TrackingState:
     """What is remembered of one turbine's windows; its size does not grow with their number."""
 
     tracker: TrackerState = field(default_factory=TrackerState)
-    reference: ModalEstimate | None = None  # the last window with its channels in place
-    next_window: int = 0  # its number
-    expected_ns: int | None = None  # start of the next window, were there no gap
-    truth: FoundationTruth | None = None  # the last one
+    reference: ModalEstimate | None = None
+    """The last window with its channels in place."""
+    next_window: int = 0
+    """Its number."""
+    expected_ns: int | None = None
+    """Start of the next window, were there no gap."""
+    truth: FoundationTruth | None = None
+    """The last one."""
 
 
 class ArchiveTracking:

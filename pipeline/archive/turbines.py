@@ -27,7 +27,8 @@ class TurbineArchive:
 
     plan: TurbinePlan
     scenario: Scenario
-    layouts: tuple[SensorLayout, ...]  # that its samples were taken with, in order of time
+    layouts: tuple[SensorLayout, ...]
+    """That its samples were taken with, in order of time."""
 
     @property
     def layout(self) -> SensorLayout | None:

@@ -15,7 +15,8 @@ from sensors.errors import InputError
 class Call:
     """A function of one argument that may run in another process: both can be pickled."""
 
-    key: str  # unique among the calls of a run
+    key: str
+    """Unique among the calls of a run."""
     function: Callable[[Any], Any]
     argument: Any
 
@@ -32,7 +33,8 @@ class Outcome:
     """A call that is over."""
 
     call: Call
-    result: Any  # what the function gave; Failed where it could not
+    result: Any
+    """What the function gave; Failed where it could not."""
 
 
 class Workers(Protocol):

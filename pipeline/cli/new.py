@@ -165,7 +165,7 @@ def _span(project: "NewProject", zone: str) -> str:
     seconds = f"{(end - begin) / NANOSECONDS:g} s"
     if begin < FIRST_DAY_NS:
         return f"{seconds} without a date"
-    hint = "" if zone else " (UTC also where dates state no zone: --zone)"
+    hint = "" if zone else " (dates without a zone are taken as UTC: --zone)"
     # stamps of a few digits scatter: 08:59:59.999996 means nine o'clock
     return f"{seconds} from {moment(begin + NANOSECONDS // 1000)[:19]} UTC{hint}"
 

@@ -163,7 +163,8 @@ def calibrate(
         output.print(line, soft_wrap=True)
     if not found.level_known:
         output.print(
-            "No water level was reported: the tide is part of every figure's uncertainty.",
+            "No water level was reported: all windows are one group, so that the tide separates "
+            "nothing; with `water_level` by SCADA more is learned.",
             soft_wrap=True,
         )
     last = f'Written: {out}; use it with [turbine] description = "{out}"'

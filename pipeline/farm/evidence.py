@@ -35,12 +35,18 @@ class TurbineEvidence:
     """
 
     turbine: str
-    shares: FloatArray  # a, (n_components,), sum 1
-    means: FloatArray  # m, (n_components, d)
-    covariances: FloatArray  # C, (n_components, d, d)
-    figures: tuple[str, ...] = ()  # of the description that are uncertain
-    common: FloatArray | None = None  # L, (n_figures, d), what their errors make; None: exact
-    change: tuple[FloatArray, FloatArray] | None = None  # ĉ (d,), V (d, d); None: none was seen
+    shares: FloatArray
+    """a, (n_components,), sum 1."""
+    means: FloatArray
+    """m, (n_components, d)."""
+    covariances: FloatArray
+    """C, (n_components, d, d)."""
+    figures: tuple[str, ...] = ()
+    """Of the description that are uncertain."""
+    common: FloatArray | None = None
+    """L, (n_figures, d), what their errors make; None: exact."""
+    change: tuple[FloatArray, FloatArray] | None = None
+    """ĉ (d,), V (d, d); None: none was seen."""
 
     def of_the_description(self) -> "TurbineEvidence":
         """Return the evidence of x − Lᵀ ξ: its own measurements' part of the covariances."""
@@ -117,10 +123,14 @@ def common_errors(evidence: Sequence[TurbineEvidence]) -> tuple[tuple[str, ...],
 class StackedEvidence:
     """All turbines' evidence in arrays; components that a turbine lacks have no share."""
 
-    log_shares: FloatArray  # (n_turbines, n_components), −inf for none
-    means: FloatArray  # (n_turbines, n_components, d)
-    covariances: FloatArray  # (n_turbines, n_components, d, d)
-    changes: tuple[tuple[FloatArray, FloatArray] | None, ...] = ()  # of each turbine; (): none
+    log_shares: FloatArray
+    """(n_turbines, n_components), −inf for none."""
+    means: FloatArray
+    """(n_turbines, n_components, d)."""
+    covariances: FloatArray
+    """(n_turbines, n_components, d, d)."""
+    changes: tuple[tuple[FloatArray, FloatArray] | None, ...] = ()
+    """Of each turbine; (): none."""
 
     @classmethod
     def of(cls, evidence: Sequence[TurbineEvidence]) -> "StackedEvidence":

@@ -86,16 +86,24 @@ class PooledTurbine:
     """One turbine of a farm. Springs in the order k11, k22, k12."""
 
     turbine: str
-    window: int  # the last that entered its own posterior
-    time_ns: int  # end of that window
+    window: int
+    """The last that entered its own posterior."""
+    time_ns: int
+    """End of that window."""
     n_windows: int
-    own: tuple[ParameterSummary, ...]  # as it published them
-    pooled: tuple[ParameterSummary, ...]  # with what the others lend it
-    deviations: tuple[Interval, ...]  # from the farm's centre, k / k_centre − 1 [-]
-    own_change: OwnChange | None  # by its own measurements
+    own: tuple[ParameterSummary, ...]
+    """As it published them."""
+    pooled: tuple[ParameterSummary, ...]
+    """With what the others lend it."""
+    deviations: tuple[Interval, ...]
+    """From the farm's centre, k / k_centre − 1 [-]."""
+    own_change: OwnChange | None
+    """By its own measurements."""
     outlier_probability: float
-    text: str  # one sentence about it
-    draws: FloatArray  # (n_draws <= 1000, 3) k11 [N/m], k22 [N·m/rad], k12 [N/rad]
+    text: str
+    """One sentence about it."""
+    draws: FloatArray
+    """(n_draws <= 1000, 3) k11 [N/m], k22 [N·m/rad], k12 [N/rad]."""
 
     @property
     def outlying(self) -> bool:
@@ -107,13 +115,18 @@ class PooledTurbine:
 class Farm:
     """All turbines, what they have in common, and what may be expected of one more."""
 
-    turbines: tuple[PooledTurbine, ...]  # in the order of their names
+    turbines: tuple[PooledTurbine, ...]
+    """In the order of their names."""
     left_out: tuple[LeftOut, ...]
-    centre: tuple[ParameterSummary, ...]  # k11, k22, k12 that the farm lies about
-    spread: tuple[Interval, ...]  # standard deviations of ln k11, ln k22, ln k12 [-]
+    centre: tuple[ParameterSummary, ...]
+    """k11, k22, k12 that the farm lies about."""
+    spread: tuple[Interval, ...]
+    """Standard deviations of ln k11, ln k22, ln k12 [-]."""
     population: StiffnessPopulation
-    ess: float  # smallest effective sample size of the pooling
-    rhat: float  # its largest split R̂
+    ess: float
+    """Smallest effective sample size of the pooling."""
+    rhat: float
+    """Its largest split R̂."""
 
 
 def pooled_farm(

@@ -28,10 +28,14 @@ JOINT_STEPS = 2  # of all standard deviations with τ, and of τ alone
 class State:
     """State of all chains, which are the leading axis of every array."""
 
-    mean: FloatArray  # μ, (n_chains, d)
-    covariance: FloatArray  # Σ, (n_chains, d, d)
-    spread: FloatArray  # τ, (n_chains,)
-    outlier_share: FloatArray  # ε, (n_chains,)
+    mean: FloatArray
+    """μ, (n_chains, d)."""
+    covariance: FloatArray
+    """Σ, (n_chains, d, d)."""
+    spread: FloatArray
+    """τ, (n_chains,)."""
+    outlier_share: FloatArray
+    """ε, (n_chains,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,10 +52,14 @@ class OutlierPriors:
         B = b / (1 − q + q b)
     """
 
-    means: FloatArray  # ô, (n_turbines, d); 0 where no change was seen
-    covariances: FloatArray  # Ô, (n_turbines, d, d); W where no change was seen
-    precisions: FloatArray  # Ô⁻¹
-    log_factors: FloatArray  # ln B, (n_turbines,)
+    means: FloatArray
+    """ô, (n_turbines, d); 0 where no change was seen."""
+    covariances: FloatArray
+    """Ô, (n_turbines, d, d); W where no change was seen."""
+    precisions: FloatArray
+    """Ô⁻¹."""
+    log_factors: FloatArray
+    """Ln B, (n_turbines,)."""
 
     @classmethod
     def of(

@@ -55,13 +55,20 @@ from sensors.arrays import FloatArray
 class PooledDraws:
     """Draws of the farm and its turbines, sweep by sweep, the chains one behind the other."""
 
-    means: FloatArray  # μ, (n_draws, d)
-    covariances: FloatArray  # Σ, (n_draws, d, d)
-    outlier_shares: FloatArray  # ε, (n_draws,)
-    points: FloatArray  # x, (n_draws, n_turbines, d)
-    outlier_probabilities: FloatArray  # each turbine's, against the others, (n_turbines,)
-    ess: float  # smallest effective sample size over μ and √Σ_jj
-    rhat: float  # largest split R̂ over the same
+    means: FloatArray
+    """μ, (n_draws, d)."""
+    covariances: FloatArray
+    """Σ, (n_draws, d, d)."""
+    outlier_shares: FloatArray
+    """ε, (n_draws,)."""
+    points: FloatArray
+    """x, (n_draws, n_turbines, d)."""
+    outlier_probabilities: FloatArray
+    """Each turbine's, against the others, (n_turbines,)."""
+    ess: float
+    """Smallest effective sample size over μ and √Σ_jj."""
+    rhat: float
+    """Largest split R̂ over the same."""
 
     def with_common_errors(
         self, common: FloatArray, generator: np.random.Generator

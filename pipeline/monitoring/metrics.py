@@ -40,7 +40,10 @@ Sample = tuple[tuple[str, ...], float]  # values of the labels, the figure
 class MetricsNode(StateSink):
     """A sink that gives the figures at any moment. Any thread may ask.
 
-    clock   → [ns since 1970-01-01 UTC]
+    Parameters
+    ----------
+    clock : callable, optional
+        → [ns since 1970-01-01 UTC].
     """
 
     name = "metrics"

@@ -24,10 +24,14 @@ GAPS_LISTED = 20
 
 
 class StatusNode(StateSink):
-    """A sink that can say at any moment how the session does. Any thread may ask.
+    """A sink that reports at any moment how the session does. Any thread may ask.
 
-    source   what the session listens to, for people
-    clock    → [ns since 1970-01-01 UTC]
+    Parameters
+    ----------
+    source : str
+        What the session listens to, for people.
+    clock : callable, optional
+        → [ns since 1970-01-01 UTC].
     """
 
     name = "status"

@@ -114,7 +114,7 @@ def turbine_figures(run: RunState, turbine: str, *, wall: float = 0.0, live: boo
             "turbine": state.turbine,
             "duration_s": state.duration,
             "windows": {
-                "identified": len(state.estimates) + state.gone["windows"],
+                "identified": state.n_identified,
                 "rejected": [
                     _rejection(state, each)
                     for each in _in_its_time(state, state.rejected, live=live)
@@ -207,7 +207,7 @@ def stream_figures(state: TurbineState, *, published: int, live: bool) -> Json:
     return {
         "published": published,
         "recorded": None if recorder is None else recorder.recorded,
-        "lost": _lost(state, published),
+        "lost": _lost(takers, published),
         "recovered": max((status.recovered for status in takers), default=0),
         "late": max((status.late for status in takers), default=0),
         "duplicate": max((status.duplicate for status in takers), default=0),
@@ -216,9 +216,8 @@ def stream_figures(state: TurbineState, *, published: int, live: bool) -> Json:
     }
 
 
-def _lost(state: TurbineState, published: int) -> int | None:
+def _lost(takers: Sequence[NodeStatus], published: int) -> int | None:
     """Return how many blocks never came; None instead of 0 while a node has received no block."""
-    takers = [status for node, status in state.statuses.items() if node != "source"]
     lost = max((status.lost for status in takers), default=0)
     kinds = [[each for each in takers if each.is_of(kind)] for kind in BLOCK_NODES]
     all_received = all(any(each.has_blocks for each in kind) for kind in kinds if kind)
@@ -229,5 +228,5 @@ def _lost(state: TurbineState, published: int) -> int | None:
 
 def _busy(state: TurbineState, node: str) -> float | None:
     shares = [each for each in state.statuses.values() if each.is_of(node)]
-    windows = len(state.estimates)
+    windows = state.n_identified
     return sum(each.busy_s for each in shares) / windows if shares and windows else None

@@ -92,7 +92,7 @@ class TurbineIdentification:
         self._resumable: IdentificationState | None = None  # of an identification that has ended
 
     def handle(self, message: Message) -> Iterator[Message]:
-        """Yield the answers to a block; other messages say what they mean."""
+        """Yield the answers to a block or an announced end; layouts and SCADA are remembered."""
         for answer in map(self._in_context, self._answers_to(message)):
             yield answer
             if isinstance(answer, WindowAnswer):
@@ -102,7 +102,7 @@ class TurbineIdentification:
                 self.revision += 1
 
     def finish(self) -> Iterator[Message]:
-        """Yield what the session still has to say."""
+        """Yield the last answers of the session."""
         if self._session is not None:
             yield from map(self._in_context, self._end_session())
 
@@ -228,10 +228,8 @@ class TurbineIdentification:
         return [layouts[name] for name in sorted(layouts)] if block.unit in layouts else []
 
     def _ended(self, unit: AcquisitionUnit, end: StreamEnd) -> Iterator[Message]:
-        unit.note_end(end)
-        admission = unit.admission.note_end(end.session)
-        if admission.blocks:
-            yield from self._take_all(unit, admission)
+        unit.ends[end.session] = end
+        yield from self._take_all(unit, unit.admission.note_end(end.session))
         yield from self._end_if_complete()
 
     def _end_if_complete(self) -> Iterator[Message]:
@@ -243,17 +241,13 @@ class TurbineIdentification:
         newest = self._session.newest
         if not newest.keys() <= units.keys():  # one was let go: its end is not known
             return
-        ends = [units[unit].ends.get(name) for unit, (name, _) in newest.items()]
-        reached = [end_ns for _, end_ns in newest.values()]
-        if newest and all(
-            end is not None and last >= end.time_ns for end, last in zip(ends, reached, strict=True)
-        ):
+        if newest and all(units[unit].has_ended(*reached) for unit, reached in newest.items()):
             for unit, (name, _) in newest.items():
                 del units[unit].ends[name]
             yield from self._end_session()
 
     def _end_session(self) -> Iterator[Message]:
-        """What the session still has to say; blocks that waited for another one are refused."""
+        """Yield the session's last answers; blocks that waited for another one are refused."""
         session, self._session = self._session, None
         assert session is not None
         for each in self._opening.taken():
@@ -282,8 +276,8 @@ class TurbineIdentification:
     def statistics(self) -> NodeStatistics:
         """Blocks that were not used, and why."""
         unused = self._context.unused
-        return self.units.statistics + NodeStatistics(
-            late=unused["late"], duplicate=unused["duplicate"]
+        return NodeStatistics(
+            late=unused["late"], duplicate=unused["duplicate"], rejected=self.units.refused
         )
 
     def snapshot(self) -> NodeSnapshot:
@@ -302,7 +296,7 @@ class TurbineIdentification:
             if isinstance(message, SensorLayout):
                 self.units.note_layout(message)
         self._answers = tuple(each for each in snapshot.messages if isinstance(each, WindowAnswer))
-        for name, admission in state.admissions.items():
+        for name, admission in state.units.items():
             self.units.named(name).admission.resume(admission)
             self.units.named(name).beginning = None
         if state.session is not None:
@@ -361,14 +355,9 @@ class IdentificationNode(NodeByTurbine[TurbineIdentification]):
 
     def _refusals(self, counts: NodeStatistics) -> Iterator[QualityWarning]:
         if counts.rejected:
-            last = next(
-                (
-                    each.units.last_refusal.replace(":", f" of {turbine}:", 1)
-                    for turbine, each in reversed(self.members.items())
-                    if each.units.last_refusal
-                ),
-                "a unit that is gone",
-            )
+            latest_first = reversed(self.members.items())
+            refusals = (each.units.last_refusal(turbine) for turbine, each in latest_first)
+            last = next(filter(None, refusals), "a unit that is gone")
             yield QualityWarning(
                 "unfit-blocks",
                 f"{counts.rejected.total()} blocks of another rate, shape, time or sender than "

@@ -63,7 +63,7 @@ class Node(Protocol):
 
 
 class Sink:
-    """What a node has that takes messages, gives none back and counts none."""
+    """Base of a node that takes messages, gives none back and counts none."""
 
     inputs: tuple[type, ...] = get_args(Message)
 
@@ -78,7 +78,7 @@ class Sink:
 
 @runtime_checkable
 class PayloadNode(Protocol):
-    """What a node has beside the rest that keeps messages as they arrived."""
+    """A node that keeps messages as they arrived: it is given their bytes as well."""
 
     def handle_payload(self, message: Message, payload: bytes) -> Iterable[Message]:
         """Take one message with the bytes that it came in."""

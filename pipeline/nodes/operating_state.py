@@ -35,7 +35,9 @@ class OperationSettings:
     """Which windows may update the foundation."""
 
     allowed_states: tuple[str, ...] = ("parked", "idling")
-    """A window of an unknown state is used unless it shows another one."""
+    """States whose windows update the foundation. A window of an unknown state is used unless
+    it shows a state that is not in the list.
+    """
     unusable: ClassVar[tuple[str, ...]] = ("duplicate-channel", "clipped", SILENT_CHANNEL)
     """Codes that spoil the shapes."""
     states_of_code: ClassVar[dict[str, tuple[str, ...]]] = {

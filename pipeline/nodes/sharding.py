@@ -4,7 +4,7 @@
                      └──► updating-2-of-2    t2, t4, t6, …
 
 Every shard takes every message and leaves alone what is another's; so the books of a session, which
-count messages by node, hold for shards as they do for nodes.
+count messages by node, balance for shards as they do for nodes.
 """
 
 import zlib
@@ -17,7 +17,7 @@ from sensors.errors import InputError
 
 
 class ShardError(InputError):
-    """A share of a farm that there is not."""
+    """A share of a farm that does not exist."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,8 @@ class Shard:
 
     number: int
     count: int
-    turbines: tuple[str, ...] = ()  # known beforehand, in their order
+    turbines: tuple[str, ...] = ()
+    """Known beforehand, in their order."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.number <= self.count:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 from pipeline.messages import (
@@ -25,6 +26,9 @@ from sensors.bounded_dict import BoundedDict
 LATEST_ANSWERS = 10  # answers that are given again when their estimates come again
 MOST_BOOTS = 256  # sets of units' boots whose last window is remembered
 MOST_LAYOUTS = 1000  # of turbines of which no estimate has come
+MOST_DIFFERENT = 16  # units whose layout differs from the scenario's that are reported
+
+_READ_AT = attrgetter("elevation", "direction", "coupling")  # what of a channel the model needs
 
 Answer = FoundationEvent | FoundationPosterior | WindowRejected
 Boots = tuple[tuple[str, str, int], ...]  # unit, session and number of each unit's boot
@@ -61,7 +65,7 @@ class AnsweredWindows:
     def state(self) -> dict[str, Any]:
         """Return the answered windows as JSON can hold them."""
         return {
-            "last": [[list(map(list, boots)), first] for boots, first in self._last.items()],
+            "last": list(self._last.items()),
             "without_origins": sorted(self._without_origins),
         }
 
@@ -102,7 +106,8 @@ class TurbineUpdating:
         self._state = updater.initial_state()
         self._answered = AnsweredWindows()
         self._answers: tuple[Answer, ...] = ()  # the latest
-        self._different: dict[str, str] = {}  # unit → how its layout differs from the scenario's
+        # unit → that its layout is another one; of names that are made up the latest
+        self._different = BoundedDict[str, QualityWarning](MOST_DIFFERENT)
 
     @property
     def state(self) -> UpdatingState:
@@ -133,7 +138,7 @@ class TurbineUpdating:
         return answers
 
     def _compare(self, live: SensorLayout) -> None:
-        """Note how what a unit says of its channels differs from what the model is read at."""
+        """Note how a unit's own layout differs from the one that the model is read at."""
         if self._layout is None:
             return
         described = {channel.name: channel for channel in self._layout.channels}
@@ -141,25 +146,23 @@ class TurbineUpdating:
             channel.name
             for channel in live.channels
             for name in (channel.name, f"{live.unit}/{channel.name}")
-            if name in described
-            and (channel.elevation, channel.direction, channel.coupling)
-            != (described[name].elevation, described[name].direction, described[name].coupling)
+            if name in described and _READ_AT(channel) != _READ_AT(described[name])
         ]
         self._different.pop(live.unit, None)
         if different:
-            self._different[live.unit] = (
+            self._different[live.unit] = QualityWarning(
+                "layout-differs",
                 f"unit {live.unit} says another height, direction or coupling of "
-                f"{', '.join(different)} than the scenario, which is used"
+                f"{', '.join(different)} than the scenario, which is used",
             )
 
     @property
     def statistics(self) -> NodeStatistics:
         """A layout that differs from the scenario's is warned of."""
-        warnings = [QualityWarning("layout-differs", text) for text in self._different.values()]
-        return NodeStatistics(warnings=tuple(warnings))
+        return NodeStatistics(warnings=tuple(self._different.values()))
 
     def finish(self) -> Iterator[Message]:
-        """Nothing is left to say."""
+        """Return nothing: every estimate has its answer at once."""
         return iter(())
 
     def snapshot(self) -> NodeSnapshot:
@@ -183,15 +186,11 @@ class TurbineUpdating:
 
 def _identified(answer: Answer, estimate: ModalEstimate) -> Answer:
     """Return the answer with its window's identity, its times in order whatever the clock did."""
-    if isinstance(answer, FoundationEvent):
-        earliest, latest = sorted((answer.since_earliest_ns, answer.since_latest_ns))
-        return replace(
-            answer,
-            since_earliest_ns=earliest,
-            since_latest_ns=latest,
-            origins=estimate.origins,
-        )
-    return replace(answer, origins=estimate.origins)
+    answer = replace(answer, origins=estimate.origins)
+    if not isinstance(answer, FoundationEvent):
+        return answer
+    earliest, latest = sorted((answer.since_earliest_ns, answer.since_latest_ns))
+    return replace(answer, since_earliest_ns=earliest, since_latest_ns=latest)
 
 
 def _is_of(answer: Answer, estimate: ModalEstimate) -> bool:

@@ -189,7 +189,7 @@ def identify_table(
         Whose turbine and channels these are.
     """
     quantities = table.quantities or guessed_quantities(table.samples, rate)
-    found = _Found(warnings + _guess(table, quantities) + _unused(unused))
+    found = _Found(warnings + _guess(table, quantities, rate) + _unused(unused))
     for window in _windows(table, rate, length, settings or OmaSettings(), quantities):
         found.take(window, _answer(window, table, rate, layout))
     return FileIdentification(
@@ -272,11 +272,14 @@ def _constant_speed(rotor_speed: float, n_samples: int) -> NDArray[np.float64]:
 
 
 def _guess(
-    table: ChannelTable, quantities: tuple[Quantity, ...] | None
+    table: ChannelTable, quantities: tuple[Quantity, ...] | None, rate: float
 ) -> tuple[QualityWarning, ...]:
-    """Return a warning where the measured quantities are inferred from phases, not declared."""
-    if quantities is None or table.quantities is not None:
+    """Return a warning where the measured quantities are inferred from phases, not declared, or
+    where phases contradict what is declared."""
+    if quantities is None:
         return ()
+    if table.quantities is not None:
+        return _contradicted(table, rate)
     slower = [
         name for name, each in zip(table.names, quantities, strict=True) if each == "velocity"
     ]
@@ -286,6 +289,25 @@ def _guess(
         "velocities); give units in the header to set this"
     )
     return (QualityWarning("quantities-guessed", text),)
+
+
+def _contradicted(table: ChannelTable, rate: float) -> tuple[QualityWarning, ...]:
+    """Return a warning where channels declared alike are a quarter of a period apart."""
+    if len(set(table.quantities or ())) != 1:
+        return ()
+    by_phase = guessed_quantities(table.samples, rate)
+    if by_phase is None:
+        return ()
+    leading = [each == "acceleration" for each in by_phase]
+    few = 2 * sum(leading) <= len(leading)
+    odd = [name for name, each in zip(table.names, leading, strict=True) if each == few]
+    text = (
+        f"{', '.join(odd)} {'differs' if len(odd) == 1 else 'differ'} from the other channels by a "
+        "quarter of a period, as a velocity does from an acceleration, and the file states one "
+        "quantity for all: their components of the shapes are wrong unless a unit or a layout is "
+        "corrected"
+    )
+    return (QualityWarning("quantities-doubtful", text),)
 
 
 def _unused(channels: tuple[UnusedChannel, ...]) -> tuple[QualityWarning, ...]:

@@ -32,10 +32,14 @@ class MergedMode:
     """A mode, and whether a second band confirms it."""
 
     mode: Mode
-    alone: bool  # one band reports it in most orders, although another one reaches it
-    n_bands: int  # that report it
-    steady: bool  # in most orders of a band, or at two rates
-    between: tuple[Mode, ...]  # the two modes of longer lags that it is a mixture of
+    alone: bool
+    """One band reports it in most orders, although another one reaches it."""
+    n_bands: int
+    """That report it."""
+    steady: bool
+    """In most orders of a band, or at two rates."""
+    between: tuple[Mode, ...]
+    """The two modes of longer lags that it is a mixture of."""
 
 
 def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[MergedMode, ...]:
@@ -192,7 +196,8 @@ def _same(mode: Mode, other: Mode) -> bool:
 class ToldApart:
     """Modes that a window tells apart, and those that it cannot tell from one of them."""
 
-    modes: tuple[Mode, ...]  # lowest frequency first
+    modes: tuple[Mode, ...]
+    """Lowest frequency first."""
     refused: tuple[RefusedMode, ...]
 
 

@@ -42,7 +42,12 @@ from pipeline.oma.ssi.ssi_cov import References, references_among, with_bounded_
 from pipeline.oma.ssi.stabilization import PoleCloud, integrations_of
 from pipeline.oma.whittle.lone_modes import Sharpened, borne_out, sharpened
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
-from pipeline.oma.whittle.unseen_modes import LOWEST_PEAK, bandwidth_share, with_unseen
+from pipeline.oma.whittle.unseen_modes import (
+    LOWEST_PEAK,
+    RESONANCE_WIDTH,
+    bandwidth_share,
+    with_unseen,
+)
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
@@ -68,14 +73,17 @@ TWINS_PLACE = 0.01  # twins this near to a mode that was found are reported by i
 class Identification:
     """What one window says: its modes, or why it says nothing."""
 
-    modes: tuple[Mode, ...]  # lowest frequency first
+    modes: tuple[Mode, ...]
+    """Lowest frequency first."""
     warnings: tuple[QualityWarning, ...] = ()
-    rejection: QualityWarning | None = (
-        None  # the window cannot be identified; `modes` is empty then
-    )
-    diagrams: tuple[PoleCloud, ...] = ()  # stabilisation diagram of each band, slowest first
-    refused: tuple[RefusedMode, ...] = ()  # what looked like a mode and is none, and why
-    cross_checks: tuple[CrossCheck | None, ...] = ()  # of each mode, where they were asked for
+    rejection: QualityWarning | None = None
+    """Why the window cannot be identified; `modes` is empty then."""
+    diagrams: tuple[PoleCloud, ...] = ()
+    """Stabilisation diagram of each band, slowest first."""
+    refused: tuple[RefusedMode, ...] = ()
+    """What looked like a mode and is none, and why."""
+    cross_checks: tuple[CrossCheck | None, ...] = ()
+    """Of each mode, where they were asked for."""
 
 
 def identify(
@@ -208,7 +216,6 @@ def concluded(
     """
     judged = _judged(by_band, steady, sampling_rate, settings)
     warnings = [finding.warning for finding in findings]
-    warnings += [_steady_amplitude(mode) for mode in judged.harmonics]
     by_lines = Sharpened(tuple(judged.modes), tuple(judged.refused))
     if steady.shape[1] <= MOST_FITTED_CHANNELS:
         spectrum = WindowSpectrum(steady, sampling_rate, integrations, left)
@@ -219,11 +226,21 @@ def concluded(
             max(each.band.highest for each in by_band),
         )
         by_lines = _fitted(judged, twins, spectrum, settings, reach=reach, stationary=stationary)
-    alike = _twins_beside(by_band, [*by_lines.modes, *judged.harmonics])
+    tones = [
+        each
+        for each in by_lines.modes
+        if not any(_is_near(each, mode) for mode in judged.modes)
+        and _is_tone_of_lines(each, steady, sampling_rate)
+    ]
+    modes = [each for each in by_lines.modes if not any(each is tone for tone in tones)]
+    harmonics = [*judged.harmonics, *tones]
+    once = {mode.pair_id or f"{mode.frequency:.4g}": mode for mode in harmonics}
+    warnings += [_steady_amplitude(mode) for mode in once.values()]
+    alike = _twins_beside(by_band, [*modes, *harmonics])
     warnings += [_coincident(each) for each in alike]
     pairs = twin_pairs(alike, steady, sampling_rate, integrations)
-    found = told_apart([*by_lines.modes, *pairs], len(steady) / sampling_rate)
-    reasons = [*by_lines.refused, *found.refused, *map(harmonic, judged.harmonics)]
+    found = told_apart([*modes, *pairs], len(steady) / sampling_rate)
+    reasons = [*by_lines.refused, *found.refused, *map(harmonic, harmonics)]
     reasons += unstable(by_band, found.modes, reasons)
     reasons += not_listed(by_lines.unseen, [*found.modes, *reasons])
     structural = without_sea_humps(found.modes, steady, sampling_rate, integrations)
@@ -258,9 +275,14 @@ def _fitted(
         return Sharpened(resolved.modes, resolved.refused)
     founded = borne_out(resolved.modes, resolved.refused, spectrum)
     by_lines = sharpened(founded.modes, founded.refused, judged.doubtful, spectrum, settings)
-    if by_lines.too_dense:
-        return by_lines
-    modes, unseen = with_unseen(by_lines.modes, judged.harmonics, spectrum, settings, reach=reach)
+    modes, unseen = with_unseen(
+        by_lines.modes,
+        judged.harmonics,
+        spectrum,
+        settings,
+        reach=reach,
+        too_dense=by_lines.too_dense.holds,
+    )
     return Sharpened(tuple(modes), by_lines.refused, unseen=tuple(unseen))
 
 
@@ -286,9 +308,7 @@ def _judged(
     judged, duration = _Judged(), len(steady) / sampling_rate
     for each in merged([band.modes for band in by_band], [band.band for band in by_band]):
         mode = each.mode
-        if hardly_damped(mode) and is_harmonic(
-            steady, sampling_rate, mode.frequency, _least_half_bandwidth(mode)
-        ):
+        if _is_tone(mode, steady, sampling_rate):
             judged.harmonics.append(mode)
         elif each.between:
             judged.refused.append(between(mode, each.between))
@@ -371,6 +391,30 @@ def hardly_damped(mode: Mode) -> bool:
     seem hardly damped; but then its damping is known vaguely, that of a harmonic well.
     """
     return bool(mode.damping_ratio + np.nan_to_num(mode.damping_ratio_std) < HARMONIC_DAMPING)
+
+
+def _is_tone(mode: Mode, steady: FloatArray, sampling_rate: float) -> bool:
+    """Whether a mode, of poles or of lines, is a machine's harmonic."""
+    return hardly_damped(mode) and is_harmonic(
+        steady, sampling_rate, mode.frequency, _least_half_bandwidth(mode)
+    )
+
+
+def _is_tone_of_lines(mode: Mode, steady: FloatArray, sampling_rate: float) -> bool:
+    """Whether a mode that no pole shows is a machine's harmonic, of a speed that wanders a little.
+
+    Where poles show none, the lines are one peak as narrow as they are themselves, and say next to
+    nothing of its damping.
+    """
+    width = mode.half_bandwidth * len(steady) / sampling_rate
+    return _is_tone(mode, steady, sampling_rate) or (
+        width < RESONANCE_WIDTH and is_harmonic(steady, sampling_rate, mode.frequency)
+    )
+
+
+def _is_near(mode: Mode, pole: Mode) -> bool:
+    """Whether a mode may be that of a pole, as the lines have it."""
+    return abs(mode.frequency - pole.frequency) <= pole.half_bandwidth + pole.frequency_std
 
 
 def _least_half_bandwidth(mode: Mode) -> float:

@@ -23,23 +23,32 @@ class OmaSettings:
     one set of defaults serves a tower of 0.15 Hz and a laboratory frame of 40 Hz.
     """
 
-    window_duration: float = 600.0  # [s]
-    hop: float = 600.0  # from one window's start to the next one's [s]
-    lateness: float = 5.0  # how long an out-of-order block is waited for, in sensor time [s]
-    lowest_frequency: float | None = None  # of the modes sought [Hz]; None: what the bands reach
-    highest_frequency: float | None = None  # [Hz]; None: 0.45 × the sampling rate
-    reference_channels: tuple[str, ...] | None = None  # names; None: all (see `ssi/ssi_cov.py`)
+    window_duration: float = 600.0
+    """Length of a window [s]."""
+    hop: float = 600.0
+    """Time from one window's start to the next one's [s]."""
+    lateness: float = 5.0
+    """Time for which a late block is waited for [s]."""
+    lowest_frequency: float | None = None
+    """Lowest frequency of a mode [Hz]; absent: as low as the window's length resolves."""
+    highest_frequency: float | None = None
+    """Highest frequency of a mode [Hz]; absent: 0.45 × the sampling rate."""
+    reference_channels: tuple[str, ...] | None = None
+    """Names of the channels that all are correlated with; absent: all channels."""
     n_blocks: int = field(default=40, metadata=NO_KEY)
     """Time blocks for the uncertainty; std scatters by 1/sqrt(2(n_blocks − 1))."""
 
-    maximum_damping: ClassVar[float] = 0.1  # ζ of a structural mode [-]
+    maximum_damping: ClassVar[float] = 0.1
+    """ζ of a structural mode [-]."""
     minimum_presence: ClassVar[float] = 0.7
     """Share of the orders in which a mode must be stable [-],"""
     confirmed_presence: ClassVar[float] = 0.5
     """and where two bands report it [-]."""
 
-    minimum_collinearity: ClassVar[float] = 0.6  # modal phase collinearity of a structural mode [-]
-    maximum_frequency_std: ClassVar[float] = 0.03  # relative to the frequency [-]
+    minimum_collinearity: ClassVar[float] = 0.6
+    """Modal phase collinearity of a structural mode [-]."""
+    maximum_frequency_std: ClassVar[float] = 0.03
+    """Relative to the frequency [-]."""
     maximum_bound_ratio: ClassVar[float] = 10.0
     """Frequency std over the attainable bound √(ζ/(2π f T)) [-]."""
 

@@ -44,7 +44,8 @@ class TrackEvent:
 
     kind: Literal["birth", "death", "drift"]
     name: str
-    frequency: float  # of the track now [Hz]
+    frequency: float
+    """Of the track now [Hz]."""
     text: str
 
 
@@ -53,7 +54,8 @@ class ChannelPlaces:
     """Where the channels of a window that lacks some are among all."""
 
     columns: tuple[int, ...]
-    n_channels: int  # in all
+    n_channels: int
+    """In all."""
 
     def spread(self, shape: FloatArray) -> FloatArray:
         """(n_channels,) with NaN at the channels that the window lacks."""
@@ -67,12 +69,18 @@ class Track:
     """What is expected of a mode: a random walk in frequency, a mean shape."""
 
     name: str
-    frequency: float  # filtered [Hz]
-    variance: float  # of it [Hz²]
-    shape: FloatArray  # mean of its estimates, (n_channels,); NaN where never seen
-    reference: float  # frequency that drift is counted from [Hz]
-    seen: int = 1  # windows with the mode
-    unseen: int = 0  # windows since
+    frequency: float
+    """Filtered [Hz]."""
+    variance: float
+    """Of it [Hz²]."""
+    shape: FloatArray
+    """Mean of its estimates, (n_channels,); NaN where never seen."""
+    reference: float
+    """Frequency that drift is counted from [Hz]."""
+    seen: int = 1
+    """Windows with the mode."""
+    unseen: int = 0
+    """Windows since."""
 
     def predict(self) -> None:
         """One window later: the frequency may have walked."""
@@ -97,9 +105,12 @@ class Track:
 class TrackerState:
     """What a tracker remembers between windows."""
 
-    tracks: tuple[Track, ...] = ()  # in order of birth
-    born: int = 0  # tracks in all
-    windows: int = 0  # named in all
+    tracks: tuple[Track, ...] = ()
+    """In order of birth."""
+    born: int = 0
+    """Tracks in all."""
+    windows: int = 0
+    """Named in all."""
 
 
 class ModeTracker:

@@ -22,7 +22,8 @@ class ChannelInfo:
     """One key of the recording."""
 
     key: str
-    message: str  # type name
+    message: str
+    """Type name."""
     count: int
 
 
@@ -33,16 +34,24 @@ class UnitInfo:
     turbine: str
     unit: str
     session: str
-    sampling_rate: float  # [Hz]
+    sampling_rate: float
+    """Sampling rate [Hz]."""
     n_channels: int
     n_blocks: int
-    start_ns: int  # first sample
-    end_ns: int  # one sample after the last
-    gaps: tuple[StreamGap, ...]  # between the first and the last block
-    layout_id: str = ""  # of the first block
-    first_sample: int = 0  # since the session's start
-    next_sample: int = 0  # one after the last
-    first_sequence: int = 0  # of the blocks
+    start_ns: int
+    """First sample."""
+    end_ns: int
+    """One sample after the last."""
+    gaps: tuple[StreamGap, ...]
+    """Between the first and the last block."""
+    layout_id: str = ""
+    """Of the first block."""
+    first_sample: int = 0
+    """Since the session's start."""
+    next_sample: int = 0
+    """One after the last."""
+    first_sequence: int = 0
+    """Of the blocks."""
     last_sequence: int = 0
     missing: tuple[tuple[int, int], ...] = ()
     """Samples that each gap lacks: the first, and one after the last."""
@@ -60,13 +69,16 @@ class RecordingInfo:
     """What a recording holds."""
 
     path: Path
-    size: int  # [bytes]
+    size: int
+    """Size of the file [bytes]."""
     metadata: dict[str, dict[str, str]]
     channels: tuple[ChannelInfo, ...]
     units: tuple[UnitInfo, ...]
     layouts: tuple[SensorLayout, ...]
-    health: tuple[NodeStatus, ...]  # the last status of every node that was recorded
-    damage: str = ""  # what of the file cannot be read, for people; "" nothing is known of any
+    health: tuple[NodeStatus, ...]
+    """The last status of every node that was recorded."""
+    damage: str = ""
+    """What of the file cannot be read, for people; "" nothing is known of any."""
 
     @property
     def duration(self) -> float:

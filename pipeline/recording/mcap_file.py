@@ -47,7 +47,8 @@ MCAP_DAMAGE = (
 class Record:
     """One record of the file, not yet taken apart."""
 
-    offset: int  # of its first byte in the file
+    offset: int
+    """Of its first byte in the file."""
     opcode: int
     content: bytes
 
@@ -63,8 +64,10 @@ class RecordedMessage:
 
     message_type: type
     key: str
-    log_time: int  # when it was received [ns since 1970-01-01 UTC]
-    publish_time: int  # its own time [ns since 1970-01-01 UTC]
+    log_time: int
+    """When it was received [ns since 1970-01-01 UTC]."""
+    publish_time: int
+    """Its own time [ns since 1970-01-01 UTC]."""
     payload: bytes
 
 

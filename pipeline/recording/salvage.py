@@ -28,11 +28,15 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 class SalvagedContent:
     """How much of a file can still be read."""
 
-    chunks: int  # complete, with a checksum that holds
-    damaged_chunks: int  # there, but not as they were written
+    chunks: int
+    """Complete, with a checksum that holds."""
+    damaged_chunks: int
+    """There, but not as they were written."""
     messages: int
-    unreadable_messages: int  # in complete chunks, but not what their channel says
-    duration: float  # from the first sample of any unit to the last of any [s]
+    unreadable_messages: int
+    """In complete chunks, but not what their channel says."""
+    duration: float
+    """From the first sample of any unit to the last of any [s]."""
 
     def __str__(self) -> str:
         if not self.messages:

@@ -13,11 +13,18 @@ class RecordingSettings:
     Pictures of past days (.rrd) go by age, too, and first where the disk is short of room.
     """
 
-    rotate_after: float = 3600.0  # a file is closed, the next started when it is that old [s] …
-    rotate_megabytes: float = 256.0  # … or that large [10⁶ bytes]
-    keep_days: float = math.inf  # raw samples older than that go, results stay [d]
-    keep_gigabytes: float = math.inf  # the oldest raw samples go when all files exceed it [10⁹ B]
-    free_megabytes: float = 100.0  # left on the disk for others [10⁶ bytes]
+    rotate_after: float = 3600.0
+    """Age at which a file is closed and the next one begins [s]."""
+    rotate_megabytes: float = 256.0
+    """Size at which a file is closed and the next one begins [10⁶ bytes]."""
+    keep_days: float = math.inf
+    """Age from which samples are deleted; results stay [days]."""
+    keep_gigabytes: float = math.inf
+    """Size of all parts with samples, of earlier sessions in the folder too, above which the
+    oldest samples are deleted [10⁹ bytes].
+    """
+    free_megabytes: float = 100.0
+    """Space that stays free on the disk [10⁶ bytes]."""
 
     def __post_init__(self) -> None:
         for each in fields(self):

@@ -34,8 +34,10 @@ class RecorderSettings:
     than chunks of a minute.
     """
 
-    chunk_duration: float = 1.0  # a chunk is closed when it is that old [s]
-    chunk_bytes: int = 2**20  # … or that large before compression
+    chunk_duration: float = 1.0
+    """A chunk is closed when it is that old [s]."""
+    chunk_bytes: int = 2**20
+    """… or that large before compression."""
 
 
 class Recorder:

@@ -14,9 +14,12 @@ from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings, free_endpoint
 class ZenohEndpoints:
     """How the parts of one session find each other."""
 
-    hub: ZenohSettings  # of the one that the source speaks through and that answers for all
-    nodes: ZenohSettings  # of every node
-    endpoint: str  # where the session can be asked from this machine; "" where it listens nowhere
+    hub: ZenohSettings
+    """Of the one that the source speaks through and that answers for all."""
+    nodes: ZenohSettings
+    """Of every node."""
+    endpoint: str
+    """Where the session can be asked from this machine; "" where it listens nowhere."""
 
 
 def meeting_point(settings: ZenohSettings) -> ZenohEndpoints:

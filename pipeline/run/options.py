@@ -16,13 +16,21 @@ class SessionOptions:
     """What a person may choose about a session, beside its source."""
 
     out: Path = Path("out")
-    speed: float = float("inf")  # 1: real time; infinity: as fast as the nodes follow
+    speed: float = float("inf")
+    """1: real time; infinity: as fast as the nodes follow."""
     way: Way = "threads"
-    rrd: bool = True  # write out/session.rrd
-    view: ViewerOutput | None = None  # a viewer beside it
+    rrd: bool = True
+    """Write out/session.rrd."""
+    view: ViewerOutput | None = None
+    """A viewer beside it."""
     zenoh: ZenohSettings = field(default_factory=ZenohSettings)
-    fresh: bool = False  # start from the beginning, whatever checkpoint there is
-    shards: int = 1  # processes that share the turbines, of each node that can be shared
-    elsewhere: tuple[str, ...] = ()  # nodes of a live session that run on other machines
-    metrics: int | None = None  # port on this machine where Prometheus may ask
-    notices: AlarmSettings | None = None  # whom to notify of what; None: no one
+    fresh: bool = False
+    """Start from the beginning, whatever checkpoint there is."""
+    shards: int = 1
+    """Processes that share the turbines, of each node that can be shared."""
+    elsewhere: tuple[str, ...] = ()
+    """Nodes of a live session that run on other machines."""
+    metrics: int | None = None
+    """Port on this machine where Prometheus may ask."""
+    notices: AlarmSettings | None = None
+    """Whom to notify of what; None: no one."""

@@ -60,9 +60,11 @@ class FinishedRun:
     """What came out."""
 
     summary: SessionSummary
-    figures: Json  # the content of summary.json
+    figures: Json
+    """The content of summary.json."""
     files: tuple[Path, ...]
-    complete: bool  # whether summary.json could be written
+    complete: bool
+    """Whether summary.json could be written."""
 
 
 def run_session(

@@ -32,10 +32,14 @@ LEAST_STOP_TIMEOUT = 0.5  # for a node to end, however late it is [s]
 class BackOff:
     """How long to wait before a node is started again."""
 
-    first: float = 0.25  # [s]
-    longest: float = 30.0  # [s]
-    attempts: int = 8  # in a row, then the session fails
-    proven: float = 60.0  # a node that ran so long counts from zero again [s]
+    first: float = 0.25
+    """First pause [s]."""
+    longest: float = 30.0
+    """Longest pause [s]."""
+    attempts: int = 8
+    """In a row, then the session fails."""
+    proven: float = 60.0
+    """A node that ran so long counts from zero again [s]."""
 
     def delay(self, failures: int) -> float:
         """Return the wait before the start that follows so many failures in a row [s]."""

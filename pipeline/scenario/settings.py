@@ -146,7 +146,7 @@ class Scenario:
     description: str = ""
     """What the scenario is for, in sentences."""
     seed: int = 1
-    """Of every random choice: loads, noise, sampler."""
+    """Seed of every random choice: loads, noise, sampler."""
     turbine: TurbineSettings = field(default_factory=TurbineSettings)
     sensors: SensorSettings = field(default_factory=SensorSettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)

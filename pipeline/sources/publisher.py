@@ -8,9 +8,13 @@ sends blocks again until the shore has them on its disk.
 What the transport keeps in memory is the fast way over a link that was cut; the spool is for longer
 cuts, restarts of this process and power cuts on either side. While nothing is acknowledged, one
 block now and then asks whether the shore is back; then so many are on their way at once.
+
+The spool is looked after by the thread that publishes, which is awake: a thread that woke for it
+costs a unit as much again as the disk does.
 """
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -39,13 +43,14 @@ logger = logging.getLogger(__name__)
 LINKS_SETTLE = 2.0  # of links between a new publisher and who subscribes [s]
 LINGER = 5.0  # after the last block, for subscribers that ask for what they missed [s]
 SYNCED_WITHIN = 0.9  # after a block was written [s]
+TENDED_EVERY = 5.0  # where nothing is published [s]
 SENT_AGAIN_AFTER = 15.0  # without an acknowledgement [s]
 ANSWERS_WITHIN = 10.0  # a shore that has acknowledged something is there for so long [s]
 MOST_ON_THEIR_WAY = 200  # blocks that are sent again and not acknowledged yet
 
 
 class DurablePublisher:
-    """A bus to publish on, with a spool behind it and a thread that looks after both.
+    """A bus to publish on, with a spool behind it, and a thread that looks after it in silence.
 
     Parameters
     ----------
@@ -63,9 +68,10 @@ class DurablePublisher:
         self._clock = clock
         self._busy = threading.Lock()
         self._inbox = Inbox()
-        self._subscribed: set[str] = set()  # keys of acknowledgements that are listened to
+        self._subscribed: set[tuple[str, str]] = set()  # turbines and units that are listened for
         self._answered: float | None = None  # when something was acknowledged last [s]
-        self._synced = clock()
+        self._tended = -math.inf  # acknowledgements taken, and synced [s]
+        self._has_unsynced = threading.Event()
         self._is_publishing = False
         self._refused = ""  # why the disk does not take more
         self._stopping = threading.Event()
@@ -84,7 +90,7 @@ class DurablePublisher:
         traceback: TracebackType | None,
     ) -> None:
         self._stopping.set()
-        self._inbox.close()
+        self._has_unsynced.set()
         self._thread.join()
         self._take_acknowledgements()
         self._spool.close()
@@ -106,40 +112,48 @@ class DurablePublisher:
                     self._spool.append(message, payload, self._clock())
             self._bus.publish(message, payload)
             self._is_publishing = True
+            if self._is_due:
+                self._tend()
+            elif payload is not None:
+                self._has_unsynced.set()
 
     @property
     def warnings(self) -> tuple[QualityWarning, ...]:
         """What the spool could not keep."""
         return tuple(self._warnings())
 
-    def tend(self, message: Message | None = None) -> None:
-        """Take acknowledgements, sync and send again what is due; the thread does so regularly.
-
-        Parameters
-        ----------
-        message : Message, optional
-            What has come from the shore.
-        """
+    def tend(self) -> None:
+        """Take acknowledgements, sync and send again what is due; publishing does so regularly."""
         with self._busy:
-            self._take_acknowledgements(message)
-            now = self._clock()
-            if now - self._synced >= SYNCED_WITHIN:
-                self._synced = now
+            self._tend()
+
+    @property
+    def _is_due(self) -> bool:
+        return self._clock() - self._tended >= SYNCED_WITHIN
+
+    def _tend(self) -> None:
+        self._take_acknowledgements()
+        if self._is_due:
+            self._tended = self._clock()
+            if not self._spool.is_synced:  # else a disk that has just refused seems to take more
                 with self._disk():
                     self._spool.sync()
-            if self._is_publishing:  # the layout is known then
-                for spooled in list(self._due(now)):
-                    self._send_again(spooled, now)
+            self._has_unsynced.clear()
+        if self._is_publishing:  # the layout is known then
+            now = self._clock()
+            for spooled in list(self._due(now)):
+                self._send_again(spooled, now)
 
     def _look_after(self) -> None:
         while not self._stopping.is_set():
-            due = self._synced + SYNCED_WITHIN - self._clock()
-            self.tend(self._inbox.get(timeout=max(0.01, due)))
+            if self._has_unsynced.wait(TENDED_EVERY):
+                self._stopping.wait(max(0.0, self._tended + SYNCED_WITHIN - self._clock()))
+            self.tend()
 
     def _listen(self, turbine: str, unit: str) -> None:
-        key = stream_of(RecordedUntil).key.format(turbine=turbine, unit=unit)
-        if key not in self._subscribed:
-            self._subscribed.add(key)
+        if (turbine, unit) not in self._subscribed:
+            self._subscribed.add((turbine, unit))
+            key = stream_of(RecordedUntil).key.format(turbine=turbine, unit=unit)
             self._bus.subscribe((RecordedUntil,), self._inbox, key=key)
 
     @contextmanager
@@ -154,13 +168,11 @@ class DurablePublisher:
         else:
             self._refused = ""
 
-    def _take_acknowledgements(self, message: Message | None = None) -> None:
-        message = message or self._inbox.get(timeout=0)
-        while message is not None:
+    def _take_acknowledgements(self) -> None:
+        while len(self._inbox) and (message := self._inbox.get(timeout=0)):
             assert isinstance(message, RecordedUntil)
             self._answered = self._clock()
             self._spool.acknowledge(message)
-            message = self._inbox.get(timeout=0)
 
     def _due(self, now: float) -> Iterator[SpooledBlock]:
         """Blocks to send again: the oldest, as many as may be on their way."""

@@ -136,6 +136,9 @@ def each_block_once(messages: Iterable[SensorMessage]) -> Iterator[SensorMessage
         yield message
 
 
+MOST_BELOW = 3  # folders that an error names
+
+
 class SourceError(InputError):
     """A source that does not exist or cannot be understood."""
 
@@ -166,10 +169,15 @@ def recordings_in(path: Path) -> list[Path]:
 
 
 def _without_recording(folder: Path) -> str:
-    """Return the error of a folder without a closed recording; of one left open, the way on."""
+    """Return the error of a folder without a closed recording; of one left open, the way on.
+
+    The folder that `pilewatch new` made has its recordings one level below.
+    """
     unfinished = sorted(folder.glob(f"*{ACTIVE_SUFFIX}"))
     if not unfinished:
-        return f"the folder {folder} holds no recording with acceleration blocks"
+        below = sorted({str(file.parent) for file in folder.glob("*/*.mcap")})[:MOST_BELOW]
+        hint = f"; recordings are in {' and '.join(below)}" if below else ""
+        return f"the folder {folder} holds no recording with acceleration blocks{hint}"
     return (
         f"the folder {folder} holds only {unfinished[-1].name}: its run goes on, or was killed; "
         f"`pilewatch salvage {unfinished[-1]}` makes a recording of what is in it"

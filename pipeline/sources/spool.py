@@ -87,7 +87,8 @@ class Spool:
         self._sizes: dict[int, int] = {}  # file → [bytes]
         self._acknowledged: dict[SessionKey, RecordedUntil] = {}
         self._file: BinaryIO | None = None
-        self._is_dirty = False
+        self.is_synced = True
+        """Whether a power cut costs nothing of what was appended."""
         try:
             make_folder_durably(folder)
             self._lock = _locked(folder)
@@ -138,7 +139,7 @@ class Spool:
         file = self._open_file()
         offset = file.tell()
         file.write(_RECORD.pack(len(payload), zlib.crc32(payload)) + payload)
-        self._is_dirty = True
+        self.is_synced = False
         file.flush()  # to the system: a kill costs nothing then
         self._sizes[self._number] = file.tell()
         self._add(SpooledBlock(key, block.sequence, block.start_ns, self._number, offset, now))
@@ -147,10 +148,10 @@ class Spool:
 
     def sync(self) -> None:
         """Have what was appended survive a power cut. Raises OSError where the disk refuses."""
-        if self._file is not None and self._is_dirty:
+        if self._file is not None and not self.is_synced:
             self._file.flush()
             os.fsync(self._file.fileno())
-            self._is_dirty = False
+            self.is_synced = True
 
     def acknowledge(self, recorded: RecordedUntil) -> int:
         """Let go of what the shore has; gives how many blocks that were."""

@@ -59,9 +59,12 @@ class BlockBook:
     """Latest end of one [ns]."""
 
     def enter(self, block: AccelerationBlock, *, unused_before: int) -> bool:
-        """Enter a block that arrived; whether for the first time.
+        """Enter a block that arrived; return whether for the first time.
 
-        unused_before   numbers that its unit passed over before it
+        Parameters
+        ----------
+        unused_before : int
+            Numbers that its unit passed over before it.
         """
         number = block.sequence
         self.start_ns = min(block.start_ns, self.start_ns or block.start_ns)
@@ -240,10 +243,15 @@ class Books:
             book.unbalanced = 0 if balanced else book.unbalanced + 1
 
     def violations(self, only: str | None = None) -> list[str]:
-        """Return where the books do not balance, in words; none: they do. only: of that turbine."""
-        if only is not None:
-            return [*self._violations_of(only)]
-        turbines = dict.fromkeys([*(key[0] for key in self._blocks), *self._turbines])
+        """Return where the books do not balance, in words; none where they do.
+
+        Parameters
+        ----------
+        only : str, optional
+            A turbine; None: of all of them.
+        """
+        known = dict.fromkeys([*(key[0] for key in self._blocks), *self._turbines])
+        turbines = known if only is None else (only,)
         return [text for turbine in turbines for text in self._violations_of(turbine)]
 
     def _violations_of(self, turbine: str) -> Iterator[str]:
@@ -303,7 +311,7 @@ class Books:
         return found
 
     def as_json(self, only: str | None = None) -> Json:
-        """Return the books in figures; names are stable. only: of that turbine."""
+        """Return the books in figures; names are stable. For `only` see `violations`."""
         violations, pauses = self.violations(only), pauses_before(self._blocks)
         names = ("turbine", "unit", "session", "boot")
         return {

@@ -21,19 +21,25 @@ class StreamHealth:
     """How one key does."""
 
     key: str
-    condition: Condition  # a stream without a period is never late
-    silence: float  # since the last message [s]
+    condition: Condition
+    """A stream without a period is never late."""
+    silence: float
+    """Since the last message [s]."""
     messages: int
-    rate: float  # of messages since the first [1/s]; NaN before the second
+    rate: float
+    """Of messages since the first [1/s]; NaN before the second."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeHealth:
     """How one node does."""
 
-    condition: Condition  # late: it has sent nothing for too long; ended: it has reported so
-    silence: float  # since its last status [s]
-    status: NodeStatus  # the last
+    condition: Condition
+    """Late: it has sent nothing for too long; ended: it has reported so."""
+    silence: float
+    """Since its last status [s]."""
+    status: NodeStatus
+    """The last."""
 
 
 @dataclass(slots=True)
@@ -63,12 +69,11 @@ class Health:
     def observe(self, message: Message, now_ns: int) -> None:
         """Take note of one message that has just come."""
         key = key_of(message)
-        before = self._seen.get(key)
-        if before is None and len(self._seen) >= MOST_KEYS_WATCHED:
+        if key not in self._seen and len(self._seen) >= MOST_KEYS_WATCHED:
             for rare in nsmallest(LET_GO, self._seen, key=lambda each: self._seen[each].count):
                 del self._seen[rare]
-        count, first_ns = (before.count, before.first_ns) if before else (0, now_ns)
-        self._seen[key] = _Seen(message, now_ns, count + 1, first_ns)
+        seen = self._seen.setdefault(key, _Seen(message, now_ns, 0, now_ns))
+        seen.message, seen.time_ns, seen.count = message, now_ns, seen.count + 1
         if isinstance(message, StreamEnd):
             self._ended[message.turbine, message.unit] = message.session
         elif isinstance(message, AccelerationBlock):

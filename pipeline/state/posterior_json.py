@@ -42,7 +42,7 @@ def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | N
 
 
 def stiffness_summary(parameter: ParameterSummary, truth: float | None = None) -> Json:
-    """Return one stiffness in its unit and as ratios to nominal. truth: in the same unit."""
+    """Return one stiffness in its unit and as ratios to nominal; `truth` in the same unit."""
     median, low, high = ratios(parameter)
     return {
         **fields_of(parameter, "unit", *MEDIAN_AND_INTERVAL),

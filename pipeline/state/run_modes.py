@@ -1,6 +1,6 @@
 """The modes of a whole session: one entry a track, combined over the windows that saw it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,16 +14,23 @@ from sensors.json_values import Json, known
 class CombinedMode:
     """One mode over all windows that saw it."""
 
-    name: str  # the model's label where it was paired, else the track's name
-    frequency: float  # precision-weighted mean over the windows [Hz]
-    frequency_std: float  # of that mean [Hz]
-    damping_ratio: float  # [-]
-    damping_ratio_std: float  # [-]
-    shape: tuple[float, ...]  # of the window that saw it sharpest [-]
+    name: str
+    """The model's label where it was paired, else the track's name."""
+    frequency: float
+    """Precision-weighted mean over the windows [Hz]."""
+    frequency_std: float
+    """Of that mean [Hz]."""
+    damping_ratio: float
+    """Mean over the windows [-]."""
+    damping_ratio_std: float
+    """Standard deviation of that mean [-]."""
+    shape: tuple[float, ...]
+    """Of the window that saw it sharpest [-]."""
     seen_in_windows: int
     pair_id: str
     quality: float
-    pair: ModePair | None = None  # with a model mode
+    pair: ModePair | None = None
+    """With a model mode."""
 
     def as_json(self) -> Json:
         """Return the mode as `summary.json` has it."""
@@ -86,7 +93,8 @@ def pairs_by_track(
     """Return the pair of each track, by the track's name.
 
     Two modes that cannot be separated have one pair, "m1+m2": each of them is then named after the
-    model mode near the pair whose shape it has.
+    model mode near the pair whose shape it has. A mode that other windows did separate also has a
+    pair of its own, which is its own and no other one's.
 
     Parameters
     ----------
@@ -95,29 +103,45 @@ def pairs_by_track(
     posterior : FoundationPosterior
         Whose pairs these are.
     """
-    pairs = {pair.identified: pair for pair in posterior.pairs}
-    for together in [name for name in pairs if "+" in name]:
-        pair = pairs.pop(together)
-        for member in together.split("+"):
-            if member in latest:
-                pairs[member] = _member_pair(latest[member], pair, posterior)
+    pairs = {pair.identified: pair for pair in posterior.pairs if "+" not in pair.identified}
+    taken = {pair.model for pair in pairs.values()}
+    for pair in posterior.pairs:
+        if "+" in pair.identified:
+            members = [
+                name for name in pair.identified.split("+") if name in latest and name not in pairs
+            ]
+            shapes = [latest[name] for name in members]
+            pairs |= dict(zip(members, _member_pairs(shapes, pair, posterior, taken), strict=True))
     return pairs
 
 
-def _member_pair(mode: Mode, pair: ModePair, posterior: FoundationPosterior) -> ModePair:
-    if posterior.model_shapes.shape[1] != len(mode.shape):
-        return pair
+def _member_pairs(
+    modes: Sequence[Mode], pair: ModePair, posterior: FoundationPosterior, taken: Set[str]
+) -> list[ModePair]:
+    """Return the pair of each of the modes that one pair stands for, no two alike where the model
+    has as many modes near it that are not taken."""
+    if not modes or posterior.model_shapes.shape[1] != len(modes[0].shape):
+        return [pair] * len(modes)
+    from scipy.optimize import linear_sum_assignment  # slow to load; few runs have such a pair
+
     # A rough model's two modes lie on one side of the pair, the other one farther off.
-    apart = max(mode.frequency_std, abs(pair.model_frequency - pair.frequency))
-    near = np.abs(posterior.model_frequencies - pair.frequency) <= 3 * apart
-    mac = modal_assurance_criterion(posterior.model_shapes, mode.shape[None])[:, 0] * near
-    best = int(np.argmax(mac))
-    return replace(
-        pair,
-        model=posterior.model_labels[best],
-        model_frequency=float(posterior.model_frequencies[best]),
-        mac=float(mac[best]),
+    apart = np.maximum(
+        [mode.frequency_std for mode in modes], abs(pair.model_frequency - pair.frequency)
     )
+    near = np.abs(posterior.model_frequencies[:, None] - pair.frequency) <= 3 * apart
+    free = np.array([label not in taken for label in posterior.model_labels])[:, None]
+    shapes = np.array([mode.shape for mode in modes])
+    mac = modal_assurance_criterion(posterior.model_shapes, shapes) * near * free
+    found = [pair] * len(modes)
+    for best, member in zip(*linear_sum_assignment(mac, maximize=True), strict=True):
+        if mac[best, member] > 0:
+            found[member] = replace(
+                pair,
+                model=posterior.model_labels[best],
+                model_frequency=float(posterior.model_frequencies[best]),
+                mac=float(mac[best, member]),
+            )
+    return found
 
 
 @dataclass(slots=True)

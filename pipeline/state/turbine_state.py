@@ -23,18 +23,14 @@ from pipeline.state.repeated_warnings import DistinctWarnings
 from pipeline.state.run_modes import CombinedMode, CombinedTracks
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
+from sensors.bounded_dict import BoundedDict
 
-_Item = TypeVar("_Item")
+_T = TypeVar("_T")
 
-
-MOST_NAMES_KNOWN = (
-    64  # of units and of nodes of a live run's turbine, each, and of rejections' codes
-)
+MOST_NAMES_KNOWN = 64  # of a live run's turbine: units, nodes, rejections' codes, each
 LATEST_ESTIMATES = 8  # of a live run's turbine, of 30 kB each: one that comes again is among them
 MOST_TRACKS = 500  # of a live run's turbine
 MOST_WINDOW_WARNINGS = 1000  # of its windows, that differ
-
-_Named = TypeVar("_Named")
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +121,10 @@ class TurbineState:
     """The latest posterior."""
     posteriors: dict[int, PosteriorAtWindow] = field(default_factory=dict)
     """Posteriors by the end of their window [ns]."""
+    let_go_since: BoundedDict[int, int] = field(
+        default_factory=lambda: BoundedDict(MOST_NAMES_KNOWN)
+    )
+    """By the time of an event [ns]: posteriors since it that are no longer kept."""
     truths: dict[int, FoundationTruth] = field(default_factory=dict)
     """True stiffnesses by the time from which they hold [ns], the latest received last."""
     layouts: dict[str, SensorLayout] = field(default_factory=dict)
@@ -149,7 +149,8 @@ class TurbineState:
         day."""
         tracks = CombinedTracks(most=MOST_TRACKS)
         warnings = DistinctWarnings(most=MOST_WINDOW_WARNINGS)
-        return cls(turbine, kept, tracks=tracks, window_warnings=warnings)
+        truths = BoundedDict[int, FoundationTruth](kept)
+        return cls(turbine, kept, tracks=tracks, window_warnings=warnings, truths=truths)
 
     def fold(self, message: Message, *, counts: bool = True) -> None:
         """Take one message into account.
@@ -184,7 +185,7 @@ class TurbineState:
             case NodeStatus():
                 self._name(self.statuses, message.node, message)
 
-    def _name(self, table: dict[str, _Named], name: str, value: _Named) -> _Named:
+    def _name(self, table: dict[str, _T], name: str, value: _T) -> _T:
         """Enter a value under its name; a live run takes in no more names than it may."""
         if name in table or self.kept is None or len(table) < MOST_NAMES_KNOWN:
             table[name] = value
@@ -205,6 +206,11 @@ class TurbineState:
         """The latest true stiffnesses of a simulation."""
         return next(reversed(self.truths.values()), None)
 
+    @property
+    def n_identified(self) -> int:
+        """Identified windows, those that were let go as well."""
+        return len(self.estimates) + self.gone["windows"]
+
     def revised_size(self, event: FoundationEvent) -> RevisedSize | None:
         """Return what the windows since an event make of its size; None before the next one."""
         later = [each.time_ns for each in self.events if each.time_ns > event.time_ns]
@@ -214,7 +220,8 @@ class TurbineState:
             for time_ns, each in self.posteriors.items()
             if each.relative and time_ns >= event.time_ns and (end_ns is None or time_ns < end_ns)
         ]
-        return RevisedSize(since[-1].relative, len(since)) if since else None
+        n_posteriors = len(since) + self.let_go_since.get(event.time_ns, 0)
+        return RevisedSize(since[-1].relative, n_posteriors) if since else None
 
     @property
     def duration(self) -> float:
@@ -309,9 +316,12 @@ class TurbineState:
             posterior.relative,
         )
         if self.kept is not None and len(self.posteriors) > self.kept:
-            del self.posteriors[next(iter(self.posteriors))]
+            oldest = self.posteriors.pop(next(iter(self.posteriors)))
+            before = [each.time_ns for each in self.events if each.time_ns <= oldest.time_ns]
+            if before and oldest.relative:
+                self.let_go_since[max(before)] = self.let_go_since.get(max(before), 0) + 1
 
-    def _let_go(self, items: list[_Item], name: str, most: int | None = None) -> list[_Item]:
+    def _let_go(self, items: list[_T], name: str, most: int | None = None) -> list[_T]:
         """Keep the latest of a run that may last for years; return what went, counted."""
         if self.kept is None:
             return []

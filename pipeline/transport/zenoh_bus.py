@@ -72,9 +72,12 @@ MOST_PUBLISHERS = 5000  # of one session: of 1000 turbines' estimates, or poster
 class Link:
     """One connection of a session."""
 
-    zid: str  # Zenoh's id of the other end
-    address: str  # of the other end
-    name: str  # in the certificate that the other end showed; "" without one
+    zid: str
+    """Zenoh's id of the other end."""
+    address: str
+    """Of the other end."""
+    name: str
+    """In the certificate that the other end showed; "" without one."""
 
 
 class ZenohBus:

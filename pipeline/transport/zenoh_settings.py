@@ -26,11 +26,15 @@ class ZenohSettings:
     """How one session finds the others. Endpoints are like "tcp/127.0.0.1:7447"."""
 
     mode: Literal["peer", "client", "router"] = "peer"
-    listen: tuple[str, ...] = ()  # none: a peer takes any free port of the loopback interface
+    listen: tuple[str, ...] = ()
+    """None: a peer takes any free port of the loopback interface."""
     connect: tuple[str, ...] = ()
-    scouting: bool = False  # find other sessions by multicast
-    config_file: Path | None = None  # Zenoh's own JSON5; the settings above are laid over it
-    local: str = ""  # an endpoint on this machine that is listened on too, for nodes of its own
+    scouting: bool = False
+    """Find other sessions by multicast."""
+    config_file: Path | None = None
+    """Zenoh's own JSON5; the settings above are laid over it."""
+    local: str = ""
+    """An endpoint on this machine that is listened on too, for nodes of its own."""
 
     @property
     def role(self) -> str:

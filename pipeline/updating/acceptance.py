@@ -44,14 +44,19 @@ FREQUENCY_FITS = 2.0  # standard deviations of a misfit within which the shape i
 class AcceptanceSettings:
     """Thresholds beyond which the structure is probably not the modelled one."""
 
-    reduced_chi_square: float = 3.0  # of the frequencies at σ = 0 [-]
-    paired_share: float = 0.8  # least share of identified modes with a partner [-]
-    pairing_cost: float = 2.0  # per identified mode [-]
+    reduced_chi_square: float = 3.0
+    """Largest reduced χ² of the frequencies that is trusted [-]."""
+    paired_share: float = 0.8
+    """Least share of the identified modes that have a model mode [-]."""
+    pairing_cost: float = 2.0
+    """Largest mean pairing cost of a mode that is trusted [-]."""
     refused_share: float = field(default=0.5, metadata=NO_KEY)
     """Below, there is no posterior at all [-]."""
 
-    refused_cost: ClassVar[float] = 4.5  # above, likewise [-]
-    rhat: float = 1.05  # chains that disagree more have not converged [-]
+    refused_cost: ClassVar[float] = 4.5
+    """Above, likewise [-]."""
+    rhat: float = 1.05
+    """R-hat above which chains have not converged [-]."""
     mode_misfit: ClassVar[float] = 4.0
     """Of one mode's frequency: beyond, it is named [standard deviations]."""
 

@@ -43,7 +43,8 @@ class CheckpointOwner:
 
     turbine: str
     channels: tuple[str, ...]
-    nominal: tuple[float, float, float]  # k11 [N/m], k22 [N·m/rad], k12 [N/rad]
+    nominal: tuple[float, float, float]
+    """k11 [N/m], k22 [N·m/rad], k12 [N/rad]."""
 
 
 def encoded_checkpoint(state: Any, owner: CheckpointOwner) -> bytes:

@@ -42,11 +42,14 @@ class Match:
     """Evidence tied to the model: what is compared with what, and how well it can fit."""
 
     pairing: Pairing
-    evidence: ModalEvidence  # at the water level that the model stands in
+    evidence: ModalEvidence
+    """At the water level that the model stands in."""
     used: tuple[ModeComparison, ...]
     likelihood: ModalLikelihood
-    all_modes: ForwardModel  # every visible mode, followed from the pairing's stiffness
-    forward: ForwardModel  # only those that the likelihood asks for
+    all_modes: ForwardModel
+    """Every visible mode, followed from the pairing's stiffness."""
+    forward: ForwardModel
+    """Only those that the likelihood asks for."""
     peak: Peak
 
 

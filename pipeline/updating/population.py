@@ -36,7 +36,8 @@ class SpringCoordinates:
     Source: Fisher (1921), Metron 1, for z; k as in [foundation-updating] Eq. 12.
     """
 
-    nominal: FloatArray  # (3,) k11 [N/m], k22 [N·m/rad], k12 [N/rad]; none 0, positive definite
+    nominal: FloatArray
+    """(3,) k11 [N/m], k22 [N·m/rad], k12 [N/rad]; none 0, positive definite."""
 
     @property
     def _nominal_coupling(self) -> float:
@@ -88,14 +89,22 @@ CANDIDATES_AT_ONCE = 1000  # points evaluated at once
 class StiffnessPopulation:
     """The predictive prior of one more turbine of a farm."""
 
-    turbines: tuple[str, ...]  # that it was learned from
-    nominal: FloatArray  # (3,) k11 [N/m], k22 [N·m/rad], k12 [N/rad]: of all of them
-    means: FloatArray  # μ, (n_draws, 3)
-    covariances: FloatArray  # Σ, (n_draws, 3, 3)
-    outlier_shares: FloatArray  # ε, (n_draws,)
-    outlier_std: float  # w [-]
-    figures: tuple[str, ...] = ()  # of the description, whose errors all turbines share
-    common: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # L, (n_figures, 3)
+    turbines: tuple[str, ...]
+    """That it was learned from."""
+    nominal: FloatArray
+    """(3,) k11 [N/m], k22 [N·m/rad], k12 [N/rad]: of all of them."""
+    means: FloatArray
+    """μ, (n_draws, 3)."""
+    covariances: FloatArray
+    """Σ, (n_draws, 3, 3)."""
+    outlier_shares: FloatArray
+    """ε, (n_draws,)."""
+    outlier_std: float
+    """w [-]."""
+    figures: tuple[str, ...] = ()
+    """Of the description, whose errors all turbines share."""
+    common: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    """L, (n_figures, 3)."""
 
     @property
     def _wide(self) -> FloatArray:

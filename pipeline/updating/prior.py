@@ -32,9 +32,12 @@ class PriorSettings:
     alone is used.
     """
 
-    lowest_ratio: float = 0.25  # k / nominal [-]
-    highest_ratio: float = 4.0  # k / nominal [-]
-    highest_sigma: float = 0.1  # σ, relative model discrepancy [-]
+    lowest_ratio: float = 0.25
+    """Lower bound of each spring over nominal [-]."""
+    highest_ratio: float = 4.0
+    """Upper bound of each spring over nominal [-]."""
+    highest_sigma: float = 0.1
+    """Upper bound of σ, the relative model discrepancy [-]."""
 
     def __post_init__(self) -> None:
         if not 0 < self.lowest_ratio < self.highest_ratio < np.inf:

@@ -21,10 +21,11 @@ class UpdatingSettings:
     pairing: PairingSettings = field(default_factory=PairingSettings)
     likelihood: LikelihoodSettings = field(default_factory=LikelihoodSettings)
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
-    sampler: SamplerSettings = field(default_factory=SamplerSettings)  # emcee's
+    sampler: SamplerSettings = field(default_factory=SamplerSettings)
+    """Emcee's."""
     guards: AcceptanceSettings = field(default_factory=AcceptanceSettings)
     change: ChangeSettings = field(default_factory=ChangeSettings)
-    structure: StructureSettings = field(
-        default_factory=StructureSettings, metadata=NEVER_A_KEY
-    )  # [structure]
-    population: str = ""  # file of the farm's prior by `pilewatch farm --prior`; "" for none
+    structure: StructureSettings = field(default_factory=StructureSettings, metadata=NEVER_A_KEY)
+    """Section [structure]."""
+    population: str = ""
+    """File of a farm's prior, written by `pilewatch farm --prior`; empty: none."""

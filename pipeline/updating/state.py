@@ -26,18 +26,27 @@ class UpdatingState:
     """All that is remembered between windows; its size doesn't grow with their number."""
 
     evidence: ModalEvidence
-    ensemble: FloatArray | None = None  # (n, 3) ratios drawn from the last posterior; what else
-    # is uncertain beside it
-    median: FloatArray | None = None  # (3,) ratios, of the last posterior
+    ensemble: FloatArray | None = None
+    """(n, 3) ratios drawn from the last posterior; what else is uncertain beside it."""
+    median: FloatArray | None = None
+    """(3,) ratios, of the last posterior."""
     change: ChangeState = field(default_factory=ChangeState)
-    recent: tuple[SeenWindow, ...] = ()  # from which the evidence starts again after a change
-    sensitivities: tuple[TrackSensitivity, ...] = ()  # of the last posterior's pairs
-    joint: tuple[WarmStart, ...] = ()  # of each alternative of an uncertain structure, best first
-    sensor_fault: str = ""  # name of the one that the last posterior found
-    searched_windows: int = 0  # in the evidence when faults were last looked for in vain
-    reference: ModalEvidence | None = None  # of the windows before the last event
-    reference_ns: int = 0  # start of the last of them
-    before_event: BeforeEvent | None = None  # by which the last event's size is revised
+    recent: tuple[SeenWindow, ...] = ()
+    """From which the evidence starts again after a change."""
+    sensitivities: tuple[TrackSensitivity, ...] = ()
+    """Of the last posterior's pairs."""
+    joint: tuple[WarmStart, ...] = ()
+    """Of each alternative of an uncertain structure, best first."""
+    sensor_fault: str = ""
+    """Name of the one that the last posterior found."""
+    searched_windows: int = 0
+    """In the evidence when faults were last looked for in vain."""
+    reference: ModalEvidence | None = None
+    """Of the windows before the last event."""
+    reference_ns: int = 0
+    """Start of the last of them."""
+    before_event: BeforeEvent | None = None
+    """By which the last event's size is revised."""
 
     @property
     def is_rough(self) -> bool:
@@ -72,7 +81,7 @@ class UpdatingState:
             reference = _summed(before, replace(nothing, n_tracks=self.evidence.n_tracks))
         return replace(
             self,
-            evidence=_summed(recent, evidence).with_tracks_of(self.evidence),
+            evidence=_summed(recent, evidence).continuing(self.evidence),
             recent=recent,
             reference=reference,
             reference_ns=before[-1].start_ns if before else self.reference_ns,

@@ -38,7 +38,12 @@ from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.joint_message import UNLABELLED, joint_message, mode_labels
-from pipeline.updating.structural.refresh import JointRefresh, joint_refresh, model_at
+from pipeline.updating.structural.refresh import (
+    JointRefresh,
+    at_model_level,
+    joint_refresh,
+    model_at,
+)
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
@@ -209,9 +214,30 @@ class FoundationUpdater:
             found, verdict, change, estimate, before=state.median, pairs=state.sensitivities
         )
         restarted = state.restarted(change.sums.starts_ns[found.restart], self._no_evidence())
+        if restarted.reference is not None and restarted.reference is not state.reference:
+            level = self._without_levels(restarted.reference, state)
+            restarted = replace(restarted, reference=level)
         earlier = BeforeEvent.of(change.sums, found.candidate, state.sensitivities, state.median)
         after = self._detector.restarted(change, found.restart)
         return replace(restarted, change=after, before_event=earlier), event
+
+    def _without_levels(self, before: ModalEvidence, state: UpdatingState) -> ModalEvidence:
+        """The windows before an event at the model's water level, by the modes as they were then.
+
+        Beside the springs after the event a mode that has moved far has no partner. It would keep
+        its level while the others lose theirs, and contradict them.
+        """
+        if isinstance(self._inference, ExactInference) or state.sensor_fault:
+            return before
+        latest = state.joint[0]
+        level = at_model_level(before, self._inference.fit_of(latest.name), latest.u)
+        modes = [
+            there
+            if there is mode
+            else replace(there, level_information=np.zeros_like(there.level_information))
+            for mode, there in zip(before.modes, level.modes, strict=True)
+        ]
+        return replace(level, modes=tuple(modes))
 
     def _sensitivities(self, change: ChangeState, state: UpdatingState) -> Sensitivities:
         """Of the tracks in the sums, by the state's last posterior."""

@@ -33,15 +33,24 @@ class AccelerationBlock:
     `first_sample + i` of the session. A session starts whenever the unit starts.
     """
 
-    turbine: str  # turbine id
-    unit: str  # acquisition unit id
-    session: str  # session id: one per start of the unit
-    layout_id: str  # SensorLayout that defines what each channel is
-    sequence: int  # blocks since the session's start, from 0
-    first_sample: int  # samples since the session's start, from 0
-    start_ns: int  # sensor clock at the first sample [ns since 1970-01-01 UTC]
-    sampling_rate: float  # [Hz]
-    samples: NDArray[np.float32]  # (n_samples, n_channels) [m/s²], channel order of the layout
+    turbine: str
+    """Turbine id."""
+    unit: str
+    """Acquisition unit id."""
+    session: str
+    """Session id: one per start of the unit."""
+    layout_id: str
+    """SensorLayout that defines what each channel is."""
+    sequence: int
+    """Blocks since the session's start, from 0."""
+    first_sample: int
+    """Samples since the session's start, from 0."""
+    start_ns: int
+    """Sensor clock at the first sample [ns since 1970-01-01 UTC]."""
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+    samples: NDArray[np.float32]
+    """(n_samples, n_channels) [m/s²], channel order of the layout."""
     status: BlockStatus = BlockStatus.OK
 
     @property

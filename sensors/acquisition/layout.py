@@ -43,11 +43,15 @@ class Accelerometer:
     the axis' vertical plane; an AC-coupled one does so only above its corner frequency.
     """
 
-    name: str  # unique in its layout, e.g. "z145-fa"
-    elevation: float  # above mean water level [m]
-    direction: tuple[float, float, float]  # direction cosines (x, y, z) of the positive axis [-]
+    name: str
+    """Unique in its layout, e.g. "z145-fa"."""
+    elevation: float
+    """Above mean water level [m]."""
+    direction: tuple[float, float, float]
+    """Direction cosines (x, y, z) of the positive axis [-]."""
     coupling: Coupling = "dc"
-    corner_frequency: float = 0.0  # of an AC-coupled axis [Hz]
+    corner_frequency: float = 0.0
+    """Of an AC-coupled axis [Hz]."""
     serial: str = ""
     unit: str = "m/s²"
 

@@ -58,11 +58,14 @@ _PARTS = re.compile(r"(?P<host>\[[^\]]*\]|[^:/]*)(:(?P<port>[^/]*))?(/(?P<path>.
 class FeedAddress:
     """A feed's URL, taken apart."""
 
-    text: str  # as it was given
-    scheme: str  # "mqtt", "seedlink", "opcua", "udp", "scada+mqtt", …
+    text: str
+    """As it was given."""
+    scheme: str
+    """"mqtt", "seedlink", "opcua", "udp", "scada+mqtt", …"""
     host: str = ""
     port: int = 0
-    path: str = ""  # topic, stations or file
+    path: str = ""
+    """Topic, stations or file."""
     user: str = ""
     tls: bool = False
     options: Mapping[str, str] = field(default_factory=dict)

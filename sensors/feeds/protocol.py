@@ -23,14 +23,22 @@ class FeedError(InputError):
 class ChannelSamples:
     """Consecutive samples of some channels of an instrument, as one message brought them."""
 
-    stream: str  # whose numbering and time they belong to: a topic, a SEED channel, a sender
-    names: tuple[str, ...]  # of the channels, as the instrument has them
-    samples: FloatArray  # (n_samples, n_names), in the instrument's unit
-    start_ns: int  # the instrument's clock at the first sample [ns since 1970-01-01 UTC]
-    sampling_rate: float | None = None  # [Hz]; None: the message does not state it
-    follows: bool | None = None  # directly on the stream's last one, by their numbers; None: no
-    # numbers, or not the next one
-    unit: str = ""  # of the samples, where the message states it
+    stream: str
+    """Whose numbering and time they belong to: a topic, a SEED channel, a sender."""
+    names: tuple[str, ...]
+    """Of the channels, as the instrument has them."""
+    samples: FloatArray
+    """(n_samples, n_names), in the instrument's unit."""
+    start_ns: int
+    """The instrument's clock at the first sample [ns since 1970-01-01 UTC]."""
+    sampling_rate: float | None = None
+    """[Hz]; None: the message does not state it."""
+    follows: bool | None = None
+    """Directly on the stream's last one, by their numbers; None: no numbers, or not the next
+    one.
+    """
+    unit: str = ""
+    """Of the samples, where the message states it."""
     status: BlockStatus = BlockStatus.OK
 
 
@@ -42,17 +50,28 @@ class FeedCounts:
     """What a feed received, and what it did not; written by the feed, read by what serves it."""
 
     connected: bool = False
-    connections: int = 0  # how often the link was made
-    received: int = 0  # messages
-    lost: int = 0  # messages that never came, by their numbers
-    late: int = 0  # messages that came too late to be used
-    duplicate: int = 0  # messages that came twice
-    malformed: int = 0  # messages that were dropped: broken, oversized, stamped by a wild clock
-    forged: int = 0  # messages without the right signature
-    retained: int = 0  # measurements that a broker had kept from before; left out
-    unknown: Counter[str] = field(default_factory=Counter)  # channels that the layout does not list
-    refusal: str = ""  # of the last malformed message: what was wrong
-    problem: str = ""  # of the link: why it is down, or went down last
+    connections: int = 0
+    """How often the link was made."""
+    received: int = 0
+    """Messages."""
+    lost: int = 0
+    """Messages that never came, by their numbers."""
+    late: int = 0
+    """Messages that came too late to be used."""
+    duplicate: int = 0
+    """Messages that came twice."""
+    malformed: int = 0
+    """Messages that were dropped: broken, oversized, stamped by a wild clock."""
+    forged: int = 0
+    """Messages without the right signature."""
+    retained: int = 0
+    """Measurements that a broker had kept from before; left out."""
+    unknown: Counter[str] = field(default_factory=Counter)
+    """Channels that the layout does not list."""
+    refusal: str = ""
+    """Of the last malformed message: what was wrong."""
+    problem: str = ""
+    """Of the link: why it is down, or went down last."""
 
     def connect(self) -> bool:
         """Count that the link was made; whether it was there before."""

@@ -33,6 +33,11 @@ from sensors.files.table import (
 from sensors.files.text.csv import read_csv_chunks
 
 GROUP = "pilewatch.files"  # of entry points
+OWN_FILES = {
+    "toml": "settings: a layout, a scenario or a description",
+    "mcap": "a recording",
+    "rrd": "pictures",
+}
 
 ChunkReader = Callable[[Path, Wanted], Iterable[ChannelTable]]
 ChannelReader = Callable[[Path], list[Sep005Channel]]
@@ -127,6 +132,10 @@ def _channels(path: Path, reader: str | None) -> list[Sep005Channel] | None:
         entries = [EntryPoint("--reader", reader, GROUP)]
     if entries:
         return _by_entry(entries[0], path)
+    if suffix in OWN_FILES and path.is_file():
+        raise FileError(
+            f"{path} holds {OWN_FILES[suffix]}; a file of measurements is needed (CSV, MATLAB, …)"
+        )
     return CHANNEL_READERS[suffix](path) if suffix in CHANNEL_READERS else None
 
 

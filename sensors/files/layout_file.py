@@ -120,8 +120,9 @@ class LayoutFile:
     """Name of the acquisition unit, part of a Zenoh key."""
 
     layout_id: str = "imported"
-    """Name of the layout, in every message, one of each unit; a file without it has turbine and
-    unit, joined by a hyphen."""
+    """Name of the layout, in every message, one of each unit; absent: turbine and unit, joined
+    by a hyphen (`t1-tower`).
+    """
     origin: str = "layout"
     """The file's name, for errors."""
 

@@ -28,7 +28,7 @@ from sensors.files.table import (
 )
 from sensors.files.text.column_titles import distinct
 from sensors.files.text.columns import log_once
-from sensors.files.text.dates import MONTHS
+from sensors.files.text.dates import MONTHS, zone_in_title
 from sensors.files.text.time_column import ABSOLUTE, ClockError, TextClock, iso
 
 FEWEST_OF_RAMP = 10  # samples from which an even rise is no chance
@@ -299,7 +299,8 @@ def _dated(channel: Sep005Channel, path: Path, zone: str) -> Sep005Channel:
 def timestamp_ns(stamp: str | datetime | None, path: Path, zone: str = "") -> int:
     """Return nanoseconds since 1970 of a time, in `zone` (UTC) where it states none; 0 for None.
 
-    ISO 8601, or as MATLAB's datestr writes it: 01-Mar-2026 12:00:00.
+    ISO 8601, or as MATLAB's datestr writes it: 01-Mar-2026 12:00:00; behind it perhaps the name of
+    a zone: UTC, CET, UTC+2.
 
     Raises
     ------
@@ -310,6 +311,9 @@ def timestamp_ns(stamp: str | datetime | None, path: Path, zone: str = "") -> in
         return 0
     if isinstance(stamp, datetime):
         stamp = stamp.isoformat()
+    named = _NAMED_ZONE.search(stamp)
+    if named is not None and (stated := zone_in_title(named[0])) is not None:
+        stamp, zone = stamp[: named.start()], stated
     seconds, _, rest = stamp.strip().replace("Z", "+00:00").partition(".")
     digits = rest[: len(rest) - len(rest.lstrip("0123456789"))]
     try:
@@ -320,6 +324,9 @@ def timestamp_ns(stamp: str | datetime | None, path: Path, zone: str = "") -> in
         ) from None
     aware = moment if moment.tzinfo else moment.replace(tzinfo=zone_named(zone))
     return round(aware.timestamp()) * NANOSECONDS + int(f"{digits:0<9}"[:9])
+
+
+_NAMED_ZONE = re.compile(r" [A-Z]{3,4}(?:[+-]\d{1,2}(?::?\d{2})?)?\s*$")
 
 
 def _moment(text: str) -> datetime:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import UTC, tzinfo
+from datetime import UTC, timedelta, timezone, tzinfo
 from pathlib import Path
 from typing import Literal
 from zoneinfo import ZoneInfo
@@ -81,15 +81,24 @@ class FileError(InputError):
     """A file of measurements that cannot be read; the message names file, row and column."""
 
 
+_OFFSET = re.compile(r"UTC([+-])(\d{2}):(\d{2})")
+
+
 def zone_named(name: str) -> tzinfo:
-    """Return the time zone of a name; UTC of "", also where no zones are installed.
+    """Return the time zone of a name or an offset, such as UTC+02:00.
+
+    UTC of "", also where no zones are installed.
 
     Raises
     ------
     FileError
         If there is no such zone.
     """
+    offset = _OFFSET.fullmatch(name)
     try:
+        if offset is not None:
+            ahead = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
+            return timezone(ahead if offset[1] == "+" else -ahead)
         return ZoneInfo(name) if name else UTC
     except (KeyError, ValueError, OSError):
         raise FileError(

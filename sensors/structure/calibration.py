@@ -67,7 +67,7 @@ class Calibration:
     """The joint posterior of a structure's figures after a first period of measurements."""
 
     springs_sign: str
-    """Of k12 in the model that it was made with."""
+    """Sign of k12 in the model of the calibration."""
     names: tuple[str, ...]
     """(n,) of the figures of the structure and of the sensors."""
     stds: tuple[float, ...]

@@ -144,9 +144,12 @@ class Water:
 class PointMass:
     """A mass without stiffness on the tower's axis: a transition piece, a platform."""
 
-    name: str  # what it is, for people
-    elevation: float  # above mean water level [m]
-    mass: float  # [kg]
+    name: str
+    """What it is, for people."""
+    elevation: float
+    """Above mean water level [m]."""
+    mass: float
+    """Mass [kg]."""
 
     def __post_init__(self) -> None:
         check_not_negative(f"point mass {self.name!r}", "mass", self.mass)

@@ -67,7 +67,7 @@ class TurbineDescription:
     title: str = ""
     """One line for people."""
     source: str = ""
-    """Where the figures come from."""
+    """Where the values come from."""
 
     gravity: float = STANDARD_GRAVITY
     """Gravity [m/s²]."""
@@ -77,8 +77,8 @@ class TurbineDescription:
     blades: Blades | None = None
     reference_modes: tuple[ReferenceMode, ...] = ()
     point_masses: tuple[PointMass, ...] = ()
-    transition: float | None = None  # elevation of the monopile's top, where a transition piece
-    # sits; None: no such place is known [m]
+    transition: float | None = None
+    """Elevation of the monopile's top, where a transition piece sits [m]; absent: not known."""
     calibration: Calibration | None = None
     """What measurements have reported of its figures (`pilewatch calibrate`)."""
 

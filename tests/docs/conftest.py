@@ -29,3 +29,9 @@ def runner() -> ModuleType:
 def reference() -> ModuleType:
     """What writes the pages of reference."""
     return script("reference")
+
+
+@pytest.fixture(scope="module")
+def reference_export() -> ModuleType:
+    """What writes the page of an export's files."""
+    return script("reference_export")

@@ -48,3 +48,17 @@ def test_a_table_becomes_settings() -> None:
 def test_an_error_names_section_key_and_value(table: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         settings_from_table(Outer, table, "a.toml [outer]", InputError)
+
+
+def test_a_section_that_its_own_check_names_stands_there_once() -> None:
+    @dataclass(frozen=True)
+    class Named:
+        hop: float
+
+        def __post_init__(self) -> None:
+            raise InputError(f"[oma] hop is {self.hop:g} s")
+
+    with pytest.raises(InputError, match=r"^a\.toml \[oma\]: hop is 9 s$"):
+        settings_from_table(Named, {"hop": 9.0}, "a.toml [oma]", InputError)
+    with pytest.raises(InputError, match=r"^a\.toml: \[oma\] hop is 9 s$"):
+        settings_from_table(Named, {"hop": 9.0}, "a.toml", InputError)

@@ -34,10 +34,14 @@ class HistoryPlan:
     """What makes a turbine's history from its identified windows."""
 
     turbine: str
-    channels: tuple[str, ...]  # that any window may have
-    hop: float  # from one window's start to the next one's [s]
-    updating: UpdatingPlan | None  # None: modes only
-    key: str  # fingerprint of all of it, and of how windows are identified
+    channels: tuple[str, ...]
+    """That any window may have."""
+    hop: float
+    """From one window's start to the next one's [s]."""
+    updating: UpdatingPlan | None
+    """None: modes only."""
+    key: str
+    """Fingerprint of all of it, and of how windows are identified."""
 
     @property
     def owner(self) -> CheckpointOwner:
@@ -50,8 +54,10 @@ class DayCall:
     """One day's windows, after those before."""
 
     plan: HistoryPlan
-    state: tuple[StoredFrame, ...]  # that the day before has left; () there is none
-    answers: tuple[StoredFrame, ...]  # of its tasks, in order of time
+    state: tuple[StoredFrame, ...]
+    """That the day before has left; () there is none."""
+    answers: tuple[StoredFrame, ...]
+    """Of its tasks, in order of time."""
 
 
 def day_frames(call: DayCall) -> tuple[StoredFrame, ...]:
@@ -99,8 +105,10 @@ def _saved_pass(content: bytes) -> SavedPass:
 class PassedDay:
     """What `day_frames` gave."""
 
-    entries: tuple[StoredFrame | Call, ...]  # in order; a call gives its posteriors
-    state: tuple[StoredFrame, ...]  # after the day
+    entries: tuple[StoredFrame | Call, ...]
+    """In order; a call gives its posteriors."""
+    state: tuple[StoredFrame, ...]
+    """After the day."""
 
     @property
     def calls(self) -> Iterator[Call]:

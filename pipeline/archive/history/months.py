@@ -42,7 +42,8 @@ class WrittenDay:
     """One day in a month's files."""
 
     date: str
-    key: str  # fingerprint of the history up to it; "" where some of its posteriors failed
+    key: str
+    """Fingerprint of the history up to it; "" where some of its posteriors failed."""
     identified: int = 0
     rejected: int = 0
     posteriors: int = 0
@@ -54,7 +55,8 @@ class WrittenMonth:
     """The days of a month that is whole."""
 
     days: tuple[WrittenDay, ...] = ()
-    sizes: dict[str, int] = field(default_factory=dict)  # of its file in each table [bytes]
+    sizes: dict[str, int] = field(default_factory=dict)
+    """Of its file in each table [bytes]."""
 
     @property
     def keys(self) -> dict[str, str]:

@@ -45,10 +45,14 @@ from sensors.errors import InputError
 class Day:
     """What one UTC day adds to a turbine's history."""
 
-    date: str  # 2026-01-05
-    calls: tuple[IdentificationCall, ...]  # in order of time
-    gaps: tuple[StreamGap, ...]  # that begin on it
-    content: str  # fingerprint of its tasks and gaps
+    date: str
+    """2026-01-05."""
+    calls: tuple[IdentificationCall, ...]
+    """In order of time."""
+    gaps: tuple[StreamGap, ...]
+    """That begin on it."""
+    content: str
+    """Fingerprint of its tasks and gaps."""
 
     @property
     def month(self) -> str:

@@ -93,7 +93,7 @@ class AlarmNode(Sink):
         """Take note of a message. Returns nothing and waits for no receiver."""
         now_ns = self._received_ns = self._clock()
         with self._lock:
-            conditions = list(self._rules.causes(message, now_ns))
+            conditions = list(self._rules.conditions(message, now_ns))
             check = now_ns - self._checked_ns >= CHECKED_EVERY
             if check:
                 conditions += self._delivery_conditions()

@@ -15,8 +15,11 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.monitoring.alarms.settings import THRESHOLDS, AlarmLogSettings
+from pipeline.state.books import BooksAlarm
+from pipeline.state.posterior_json import ratios
 from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.bounded_dict import BoundedDict
 
 SENSOR = (  # codes of windows that concern an instrument
     "constant",
@@ -32,11 +35,7 @@ SENSOR = (  # codes of windows that concern an instrument
 )
 CLOCK = ("clock-unset", "clock-step", "clock-rate", "clock-drift")  # of windows, their stamps
 KIND_OF_CODE = dict.fromkeys(SENSOR, "sensor") | dict.fromkeys(CLOCK, "clock")
-REFUSAL_CODES = (
-    "few-pairs",
-    "pairing-cost",
-    "no-paired-mode",
-)  # codes of posteriors that were not made
+REFUSAL_CODES = ("few-pairs", "pairing-cost", "no-paired-mode")  # of posteriors that were not made
 SILENT_AFTER = 30.0  # without a block of a unit whose stream has not ended [s]
 LOST_AFTER = 60.0  # without a status of a node; one that works on a window has no time for any [s]
 LINK = ("link-down", "quiet")  # codes of a feed that explain the silence of its unit
@@ -81,10 +80,11 @@ class AlarmRules:
         self._settings = settings
         self._run = RunState(kept=1)
         self._looked_ns = 0
-        self._window_keys: dict[str, dict[str, str]] = {}  # by turbine: key → kind of what lasts
-        self._books_keys: dict[str, str] = {}  # of alarms of the books that last: key → turbine
+        # by turbine: key → kind of what lasts; names that are made up drive out each other
+        self._window_keys = BoundedDict[str, dict[str, str]]()
+        self._books_alarms: dict[str, BooksAlarm] = {}  # that last, by key
 
-    def causes(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
+    def conditions(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
         """Yield the conditions that one message starts or ends."""
         self._run.fold(message, now_ns)
         found: Iterable[AlarmCondition] = ()
@@ -100,12 +100,12 @@ class AlarmRules:
             case FoundationPosterior():
                 found = (*_posterior(message), *self._thresholds(message))
             case NodeStatus():
-                found = (*_recorder(message), *_clock(message))
+                found = _recorder(message)
         answered = isinstance(message, ModalEstimate | WindowRejected | FoundationPosterior)
         of_books = self._of_books() if answered else ()
-        for cause in (*found, *of_books, *self._silences(now_ns)):
-            if cause.kind in self._settings.kinds:
-                yield cause
+        for condition in (*found, *of_books, *self._silences(now_ns)):
+            if condition.kind in self._settings.kinds:
+                yield condition
 
     def _of_books(self) -> Iterator[AlarmCondition]:
         """Books that do not balance and posteriors that do not come, until they do."""
@@ -113,10 +113,10 @@ class AlarmRules:
         found = {f"{each.turbine}/{each.kind}": each for each in alarms}
         for key, alarm in found.items():
             yield AlarmCondition(key, alarm.kind, alarm.turbine, alarm.text, counted=False)
-        for key in self._books_keys.keys() - found.keys():
-            turbine, kind = self._books_keys[key], key.rpartition("/")[2]
-            yield AlarmCondition(key, kind, turbine, "", over=True)
-        self._books_keys = {key: alarm.turbine for key, alarm in found.items()}
+        for key in self._books_alarms.keys() - found.keys():
+            past = self._books_alarms[key]
+            yield AlarmCondition(key, past.kind, past.turbine, "", over=True)
+        self._books_alarms = found
 
     def _gap(self, gap: StreamGap) -> Iterator[AlarmCondition]:
         if gap.duration < self._settings.shortest_gap:
@@ -142,7 +142,8 @@ class AlarmRules:
         lasting = self._window_keys.get(turbine, {})
         for key in sorted(lasting.keys() - found.keys()):
             yield AlarmCondition(key, lasting[key], turbine, "", over=True)
-        self._window_keys[turbine] = {key: KIND_OF_CODE[each.code] for key, each in found.items()}
+        kinds = {key: KIND_OF_CODE[each.code] for key, each in found.items()}
+        self._window_keys.put(turbine, kinds)
 
     def _rejected(self, window: WindowRejected) -> Iterator[AlarmCondition]:
         """A window that is rejected for another reason ends no instrument's condition."""
@@ -163,10 +164,7 @@ class AlarmRules:
         for name in THRESHOLDS:
             spring, least = name.removesuffix("_below"), getattr(self._settings, name)
             if least > 0:
-                found = posterior.parameter(spring)
-                low, ratio, high = sorted(  # of a negative k12 the quantiles change places
-                    value / found.nominal for value in (found.p05, found.median, found.p95)
-                )
+                ratio, low, high = ratios(posterior.parameter(spring))
                 text = (
                     f"{spring} is {ratio:.3f} of nominal (90 % interval {low:.3f} to {high:.3f}), "
                     f"below {least:g}"
@@ -208,18 +206,12 @@ def _link(feed: NodeStatus | None) -> str:
 
 
 def _recorder(status: NodeStatus) -> Iterator[AlarmCondition]:
-    stopped = [each for each in status.warnings if each.code == "recording-stopped"]
-    if status.node == "recorder":
-        text = stopped[0].text if stopped else ""
-        key = f"{status.turbine}/recorder"
-        yield _state(key, "recorder", status.turbine, text, bool(stopped))
-
-
-def _clock(status: NodeStatus) -> Iterator[AlarmCondition]:
-    """Clocks of units that differ from the recorder's, as long as they do."""
-    if status.node == "recorder":
-        text = "; ".join(each.text for each in status.warnings if each.code == "clock-off")
-        yield _state(f"{status.turbine}/clock", "clock", status.turbine, text, bool(text))
+    """A recording that has stopped, and clocks of units that differ from the recorder's."""
+    if status.node != "recorder":
+        return
+    for kind, code in (("recorder", "recording-stopped"), ("clock", "clock-off")):
+        text = "; ".join(each.text for each in status.warnings if each.code == code)
+        yield _state(f"{status.turbine}/{kind}", kind, status.turbine, text, bool(text))
 
 
 _NAME = re.compile(r"[^\s,;:()]+")  # what may be the name of a channel

@@ -121,13 +121,13 @@ class MqttSettings:
     """A section [[mqtt]]: every message is published as JSON under topic/TURBINE/KIND."""
 
     host: str
-    """Of the broker."""
+    """Name or address of the broker."""
     port: int = 1883
-    """Of the broker; 8883 is usual with TLS."""
+    """Port of the broker; with TLS mostly 8883."""
     topic: str = "pilewatch/notices"
     """First levels of the topic."""
     user: str = ""
-    """At the broker; "": none."""
+    """User at the broker; empty: none."""
     password_environment: str = ""
     """Variable with the password."""
     tls: bool = False
@@ -153,17 +153,17 @@ class MailSettings:
     """A section [[mail]]: every message is a short e-mail."""
 
     host: str
-    """Of the mail server."""
+    """Name or address of the mail server."""
     sender: str
     """Address of the sender."""
     recipients: tuple[str, ...]
     """Addresses of the recipients."""
     port: int = 587
-    """Of the mail server: 587 with STARTTLS, 465 with tls."""
+    """Port of the mail server: 587 with STARTTLS, 465 with `tls`."""
     starttls: bool = True
     """Whether the link is encrypted after its first lines; a server that cannot gets nothing."""
     user: str = ""
-    """At the mail server; "": none."""
+    """User at the mail server; empty: none."""
     password_environment: str = ""
     """Variable with the password."""
     timeout: float = 30.0

@@ -1,14 +1,13 @@
-"""What is remembered of each acquisition unit of a turbine, what that means for a window, and the
-blocks that came while not all units' layouts were known."""
+"""What is remembered of each acquisition unit of a turbine, what that means for a window, the
+blocks that came while not all units' layouts were known, and the session of an only unit."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from pipeline.messages import Message, ModalEstimate, QualityWarning, StreamEnd, UnitOrigin
 from pipeline.nodes.by_turbine import LimitedMembers
-from pipeline.nodes.node import NodeStatistics
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.window_identification import WindowContext, WindowIdentification
 from pipeline.oma.windows.block_admission import BlockAdmission, Boot
@@ -88,16 +87,16 @@ class AcquisitionUnit:
         if block.next_sample > self._reached.first_sample:
             self._reached = Beginning(block.next_sample, block.sequence + 1)
 
-    def note_end(self, end: StreamEnd) -> None:
-        """Remember that a session's end was announced."""
-        self.ends[end.session] = end
+    def has_ended(self, session: str, end_ns: int) -> bool:
+        """Whether the end of a session that has come so far was announced and is reached."""
+        end = self.ends.get(session)
+        return end is not None and end_ns >= end.time_ns
 
     def mark_before(self, needed: int) -> BlockMark | None:
         """Return the block that holds a sample, or the last one before it."""
         before = [mark for mark in self.marks if mark.first_sample <= needed]
-        if not before:
-            return self.marks[0] if self.marks else None
-        return max(before, key=lambda each: each.first_sample)
+        first = list(self.marks)[:1]
+        return max(before or first, key=lambda each: each.first_sample, default=None)
 
 
 class AcquisitionUnits:
@@ -115,20 +114,16 @@ class AcquisitionUnits:
         self.by_name: dict[str, AcquisitionUnit] = {}
         self._settings = settings
         self._names = LimitedMembers(most)
-        self._of_the_past = NodeStatistics()  # of units that are gone
+        self._refused_of_gone = Counter[str]()  # blocks of units that were let go
 
     def named(self, name: str) -> AcquisitionUnit:
         """Return the unit that a message came from; made with its first one."""
         leaving = self._names.note(name)
         if leaving is not None and leaving in self.by_name:
-            self._let_go(leaving)
+            self._refused_of_gone += self.by_name.pop(leaving).admission.refused
         if name not in self.by_name:
             self.by_name[name] = AcquisitionUnit(self._settings)
         return self.by_name[name]
-
-    def _let_go(self, name: str) -> None:
-        refused = self.by_name.pop(name).admission.refused
-        self._of_the_past += NodeStatistics(rejected=refused)
 
     def note_layout(self, layout: SensorLayout) -> None:
         """Remember a unit's layout; the latest of each unit are kept."""
@@ -194,19 +189,16 @@ class AcquisitionUnits:
     # ---- what they count ------------------------------------------------------------------------
 
     @property
-    def statistics(self) -> NodeStatistics:
-        """Blocks that were refused."""
-        counts = self._of_the_past
-        for unit in self.by_name.values():
-            counts += NodeStatistics(rejected=unit.admission.refused)
-        return counts
+    def refused(self) -> Counter[str]:
+        """Blocks that were refused, by the reason's code."""
+        present = (unit.admission.refused for unit in self.by_name.values())
+        return sum(present, Counter(self._refused_of_gone))
 
-    @property
-    def last_refusal(self) -> str:
-        """Unit of one of the refused blocks and what was wrong with it; "" without one."""
+    def last_refusal(self, turbine: str) -> str:
+        """Return unit and turbine of a refused block and what was wrong with it; "" without one."""
         for name, unit in reversed(self.by_name.items()):
             if unit.admission.refused:
-                return f"unit {name}: {unit.admission.last_refusal}"
+                return f"unit {name} of {turbine}: {unit.admission.last_refusal}"
         return ""
 
     @property

@@ -18,7 +18,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 
 LARGEST_LEAD = 3600.0  # by which a unit that starts may be apart from the others [s]
-SILENT = 20  # blocks of each of the other units after which a unit has nothing to say
+SILENT = 20  # blocks of each of the other units after which a unit counts as silent
 
 
 class JoinedSession:
@@ -81,14 +81,13 @@ class JoinedSession:
         self._last_push[block.unit] = self._n_pushed
         if self._boots.get(block.unit) != item.boot:
             yield from self._restarted(item)
-        used = self._agrees(block)
+        agrees = self._agrees(block)
         before = self._newest.get(block.unit)
         if before is None or block.first_sample >= before.first_sample:
             self._newest[block.unit] = block
-        past = self._joiner.is_past(block)
-        agreed = used and not past
-        self._disagreed[block.unit] = 0 if agreed else self._disagreed.get(block.unit, 0) + 1
-        if not agreed:
+        is_used = agrees and not self._joiner.is_past(block)
+        self._disagreed[block.unit] = 0 if is_used else self._disagreed.get(block.unit, 0) + 1
+        if not is_used:
             self._unused.append(block)
         yield from self._taken(block, list(self._orders[block.unit].push(block)))
 
@@ -127,14 +126,11 @@ class JoinedSession:
         one that is left out, or of which nothing is joined yet, that of its newest block."""
         since = self.windows.next_index * self._settings.hop
         absent = self._absent(since)
-        found = {
-            unit: None if unit in absent else self._joiner.needed(unit, since)
-            for unit in self._newest
-        }
-        return {
-            unit: self._newest[unit].first_sample if first is None else first
-            for unit, first in found.items()
-        }
+        found = {}
+        for unit, newest in self._newest.items():
+            first = None if unit in absent else self._joiner.needed(unit, since)
+            found[unit] = newest.first_sample if first is None else first
+        return found
 
     def _absent(self, since: float) -> set[str]:
         """Units that are left out and have no samples in a window that is not answered."""
@@ -197,17 +193,14 @@ class JoinedSession:
         """Yield what still waits of the unit's boot before this block's."""
         block = item.block
         order = self._orders.get(block.unit)
-        known = self._boots.get(block.unit)
         self._boots[block.unit] = item.boot
         self._newest.pop(block.unit, None)
         self._orders[block.unit] = self._context.order(item.beginning)
-        if order is None or known is None:
-            self._out.discard(block.unit)
-            return
-        yield from self._flushed(order)
+        if order is not None:
+            yield from self._flushed(order)
+            self._agreed_from.pop(block.unit, None)
+            self._joiner.restart(block.unit)
         self._out.discard(block.unit)
-        self._agreed_from.pop(block.unit, None)
-        self._joiner.restart(block.unit)
 
     def _flushed(self, order: BlockOrder) -> Iterator[Message]:
         """Take what still waits of a unit."""

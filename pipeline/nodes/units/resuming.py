@@ -22,7 +22,7 @@ OVERTAKING = 10  # messages by which a block may have come before one that lies 
 class IdentificationState:
     """The numbers that windows go by; samples are read again from where they are kept."""
 
-    admissions: Mapping[str, Any]
+    units: Mapping[str, Any]
     """Unit → state of its admission."""
     boots: dict[str, Boot]
     """Unit → its present boot."""
@@ -51,14 +51,7 @@ class IdentificationState:
 
     def encoded(self) -> bytes:
         """Return the bytes that a snapshot holds."""
-        state = {
-            "units": self.admissions,
-            "boots": {name: [boot.session, boot.number] for name, boot in self.boots.items()},
-            "joined": self.joined,
-            "session": self.session,
-            "marks": {name: asdict(mark) for name, mark in self.marks.items()},
-        }
-        return json.dumps(state).encode()
+        return json.dumps(asdict(self)).encode()
 
     @classmethod
     def decoded(cls, encoded: bytes) -> "IdentificationState":
@@ -66,8 +59,8 @@ class IdentificationState:
         state = json.loads(encoded)
         return cls(
             state["units"],
-            {name: Boot(session, number) for name, (session, number) in state["boots"].items()},
-            bool(state["joined"]),
+            {name: Boot(*boot) for name, boot in state["boots"].items()},
+            state["joined"],
             state["session"],
             {name: BlockMark(**mark) for name, mark in state["marks"].items()},
         )

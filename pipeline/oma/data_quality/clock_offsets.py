@@ -38,8 +38,10 @@ LEAST_SCATTER = 0.01  # of the phases, std: true shapes are a little complex the
 class UnitOffset:
     """One unit's clock against another's."""
 
-    seconds: float  # τ, positive: its stamps are late [s]
-    std: float  # [s]
+    seconds: float
+    """τ, positive: its stamps are late [s]."""
+    std: float
+    """Standard deviation of the offset [s]."""
 
     def exceeds(self, limit: float) -> bool:
         """Whether it is beyond a limit [s], and is no chance."""

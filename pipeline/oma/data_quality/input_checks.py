@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.messages import QualityWarning
-from pipeline.oma.data_quality.transients import RingDown, loudest_octave, ring_down
+from pipeline.oma.data_quality.transients import (
+    RingDown,
+    loudest_octave,
+    ring_down,
+    turning_axes,
+)
 from pipeline.oma.preprocessing import MOST_MISSING, filled, lines_of_channels, without_drift
 from sensors.arrays import BoolArray, FloatArray
 
@@ -315,7 +320,7 @@ def check_drift(samples: NDArray[np.floating], channel_names: Sequence[str]) -> 
 
 
 def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> tuple[Finding, ...]:
-    """Windows whose loudness changes: a rotor stop, a ring-down, a passing ship."""
+    """Windows whose loudness or axes change: a rotor stop, a ring-down, a passing ship, a yaw."""
     steady = without_drift(without_spikes(np.asarray(samples, dtype=np.float64)))
     octave, decay = loudest_octave(steady, sampling_rate), ring_down(steady, sampling_rate)
     if octave is not None and octave.excess > 1:
@@ -326,6 +331,12 @@ def check_stationarity(samples: NDArray[np.floating], sampling_rate: float) -> t
         )
     elif decay is not None and decay.excess > 1:
         text = _decay_in_words(decay)
+    elif (axes := turning_axes(steady, sampling_rate)) is not None and axes.is_sure:
+        text = (
+            f"what shakes between {axes.low:.2g} and {axes.high:.2g} Hz moves along other axes in "
+            "one part of the window than in another: a nacelle that yaws, or a sensor that is "
+            "turned; shapes are mixtures, and one mode may look like two"
+        )
     else:
         return ()
     return (Finding(NON_STATIONARY, text, "warn"),)

@@ -1,5 +1,5 @@
-"""A rotor stop, a blow that rings down, a passing ship: energy that a stationary window has not by
-chance.
+"""A rotor stop, a blow that rings down, a passing ship, a yaw: energy or axes that a stationary
+window has not by chance.
 
 A lightly damped mode under stationary load swells and fades by itself, the more the fewer of its
 own decay times the window holds. So each octave is judged by its own number of independent values
@@ -19,8 +19,21 @@ ring-down begins with one e_k far beyond that, which holds a share of the octave
 stop leaves the rest of the window with another σ² than before.
 Source: linear prediction of ambient response by least squares (Makhoul 1975, Linear prediction: a
 tutorial review, Proc. IEEE 63).
+
+A nacelle that yaws takes the directions of its modes along (`turning_axes`). What shakes in a
+narrow band moves along the axes of the modes there, however strong the loads on each are. With S_j
+the real part of the mean y yᴴ of a band's lines in the j-th part of the window, along the two
+directions of the channels in which most moves, and B a rotation of these,
+
+    L = Σ_j n_j ln(|diag(Bᵀ S_j B)| / |S_j|)
+
+at its least over B is χ² distributed with one degree of freedom for each part but one, where all
+parts have the same axes, whatever moves along each of them. n_j is twice the number of independent
+lines, of which a band with a sharp peak has few.
+Source: common principal components (Flury 1984, J. Am. Stat. Assoc. 79).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -49,6 +62,16 @@ OUTLIER = 12.0  # of |e|²/σ² in both directions, above which a sample is cut 
 BLOW = 35.0  # |e|²/σ² in both directions
 SHARE_OF_BLOW = 1.0  # |e|² over the octave's mean energy: a blow that the window's estimates feel
 STOP = 12.0  # ratio of σ² of the loudest and the quietest part
+
+COMPARED_PARTS = 4  # of a window whose axes are compared
+BAND_RATIO = 2 ** (1 / 3)  # highest over lowest frequency
+FEWEST_CYCLES_OF_BAND = 20.0  # f times a part of the lowest band
+FEWEST_LINES_OF_BAND = 12  # of a band
+TAPERED_LINES = 35 / 18  # lines that one independent line makes under the Hann taper
+HIGHEST_BAND = 0.45  # of the sampling rate
+LEAST_ACROSS = 1e-6  # of the second direction's power over the first's: less is the instrument
+ROTATIONS = 90  # of B over a right angle
+SURELY_TURNED = -25.0  # ln of the probability by chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,3 +242,82 @@ def _local_medians(energy: FloatArray) -> FloatArray:
         begin += len(one)
     places = np.arange(len(energy))
     return np.column_stack([np.interp(places, centres, each) for each in np.array(medians).T])
+
+
+@dataclass(frozen=True, slots=True)
+class TurningAxes:
+    """The band whose axes differ most surely."""
+
+    low: float
+    """[Hz]"""
+    high: float
+    """[Hz]"""
+    log_chance: float
+    """ln of the probability of as much by chance [-]."""
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it is no chance."""
+        return self.log_chance < SURELY_TURNED
+
+
+def turning_axes(samples: FloatArray, sampling_rate: float) -> TurningAxes | None:
+    """The band whose axes differ most surely; None where the window is too short for any.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Free of offset.
+    sampling_rate : float
+        [Hz]
+    """
+    n = len(samples) // COMPARED_PARTS
+    if n < 2 or samples.shape[1] < 2:
+        return None
+    scales = np.std(samples, axis=0)
+    scales, taper = np.where(scales > 0, scales, 1.0), np.hanning(n)
+    parts = (samples[j * n : (j + 1) * n] for j in range(COMPARED_PARTS))
+    lines = np.array([lines_of_channels(part - part.mean(axis=0), scales, taper) for part in parts])
+    bands = _compared_bands(lines, n / sampling_rate, sampling_rate)
+    return min(bands, key=lambda each: each.log_chance, default=None)
+
+
+def _compared_bands(
+    lines: ComplexArray, duration: float, sampling_rate: float
+) -> Iterator[TurningAxes]:
+    """lines: of each part, (COMPARED_PARTS, n_lines, n_channels). duration: of a part [s]"""
+    low = FEWEST_CYCLES_OF_BAND / duration
+    while BAND_RATIO * low < HIGHEST_BAND * sampling_rate:
+        first, last = round(low * duration), round(BAND_RATIO * low * duration)
+        if last - first >= FEWEST_LINES_OF_BAND:
+            chance = _log_chance_of_axes(lines[:, first:last])
+            if chance is not None:
+                yield TurningAxes(low, BAND_RATIO * low, chance)
+        low *= BAND_RATIO
+
+
+def _log_chance_of_axes(band: ComplexArray) -> float | None:
+    """ln of the probability of axes as different by chance; None where all moves along one."""
+    whole = np.einsum("jla,jlb->ab", band, band.conj()).real
+    powers, vectors = np.linalg.eigh(whole)
+    if powers[-2] <= LEAST_ACROSS * powers[-1]:
+        return None
+    along = band @ vectors[:, -2:]
+    spectra = np.einsum("jla,jla->jl", along, along.conj()).real
+    # a periodogram's lines scatter, which alone would halve their number
+    independent = 2 * spectra.sum(axis=1) ** 2 / (spectra**2).sum(axis=1)
+    counts = 2 * np.minimum(independent, band.shape[1]) / TAPERED_LINES
+    covariances = np.einsum("jla,jlb->jab", along, along.conj()).real
+    least = _least_over_rotations(covariances, counts)
+    return float(np.log(special.chdtrc(COMPARED_PARTS - 1, least) + np.finfo(float).tiny))
+
+
+def _least_over_rotations(covariances: FloatArray, counts: FloatArray) -> float:
+    """L for the rotation at which it is least."""
+    angles = np.arange(ROTATIONS) / ROTATIONS * np.pi / 2
+    cosines, sines = np.cos(angles), np.sin(angles)
+    rotations = np.array([[cosines, -sines], [sines, cosines]]).transpose(2, 0, 1)
+    turned = np.einsum("rba,jbc,rcd->rjad", rotations, covariances, rotations)
+    diagonal = turned[..., 0, 0] * turned[..., 1, 1]
+    determinants = np.maximum(np.linalg.det(covariances), 1e-12 * diagonal)
+    return float((np.log(diagonal / determinants) @ counts).min())

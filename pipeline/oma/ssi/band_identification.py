@@ -49,8 +49,10 @@ class BandIdentification:
 
     band: Band
     modes: tuple[Mode, ...]
-    poles: PoleCloud  # that came back over the orders: the band's stabilisation diagram
-    twins: tuple[CoincidentModes, ...] = ()  # where two modes are too alike to be resolved
+    poles: PoleCloud
+    """That came back over the orders: the band's stabilisation diagram."""
+    twins: tuple[CoincidentModes, ...] = ()
+    """Where two modes are too alike to be resolved."""
 
 
 def band_covariances(
@@ -195,9 +197,12 @@ def _represented(
 class ChannelScales:
     """From the shapes of scaled channels to those of accelerations in the channels' units."""
 
-    rms: FloatArray  # what each channel was divided by, (n_channels,)
-    integrations: IntArray | None  # where channels measure different quantities, (n_channels,)
-    sampling_interval: float  # [s]
+    rms: FloatArray
+    """What each channel was divided by, (n_channels,)."""
+    integrations: IntArray | None
+    """Where channels measure different quantities, (n_channels,)."""
+    sampling_interval: float
+    """Time between two samples [s]."""
 
     def applied(
         self,

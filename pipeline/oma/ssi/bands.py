@@ -27,13 +27,20 @@ from pipeline.oma.settings import HIGHEST_RELATIVE, OmaSettings, OmaSettingsErro
 class Band:
     """One decimated copy of the record and the modes looked for in it."""
 
-    decimation: int  # q: the band's rate is the sampling rate / q
-    sampling_rate: float  # of the band [Hz]
-    lowest: float  # modes are reported from here [Hz]
-    highest: float  # up to here [Hz]
-    block_rows: int  # p: the Hankel matrix reaches to lag 2p
-    orders: tuple[int, ...]  # model orders, ascending and even
-    high_passed: bool = False  # free of what lies below
+    decimation: int
+    """q: the band's rate is the sampling rate / q."""
+    sampling_rate: float
+    """Of the band [Hz]."""
+    lowest: float
+    """Modes are reported from here [Hz]."""
+    highest: float
+    """Up to here [Hz]."""
+    block_rows: int
+    """p: the Hankel matrix reaches to lag 2p."""
+    orders: tuple[int, ...]
+    """Model orders, ascending and even."""
+    high_passed: bool = False
+    """Free of what lies below."""
 
 
 @dataclass(frozen=True, slots=True)

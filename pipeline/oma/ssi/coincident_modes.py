@@ -41,10 +41,14 @@ LARGEST_ANGLE = 0.5  # std of the turn between directions that are known apart [
 class CoincidentModes:
     """Two modes of one frequency, as the orders see them."""
 
-    frequency: float  # mean of the two [Hz]
-    damping_ratio: float  # mean of the two [-]
-    frequency_scatter: float  # over the orders, standard deviation [Hz]
-    damping_scatter: float  # likewise [-]
+    frequency: float
+    """Mean of the two [Hz]."""
+    damping_ratio: float
+    """Mean of the two [-]."""
+    frequency_scatter: float
+    """Over the orders, standard deviation [Hz]."""
+    damping_scatter: float
+    """Likewise [-]."""
 
 
 def twins_in(

@@ -208,9 +208,12 @@ class SignalSubspace:
     The model of order n uses the first n columns of each.
     """
 
-    left: FloatArray  # U, ((p + 1)·n_channels, n_max)
-    singular_values: FloatArray  # s, (n_max,), descending
-    right: FloatArray  # V, (p·n_references, n_max)
+    left: FloatArray
+    """U, ((p + 1)·n_channels, n_max)."""
+    singular_values: FloatArray
+    """s, (n_max,), descending."""
+    right: FloatArray
+    """V, (p·n_references, n_max)."""
     n_channels: int
 
     @property
@@ -232,14 +235,22 @@ class SystemModes:
     """
 
     order: int
-    poles: ComplexArray  # λ_d of A_d, (n_modes,), discrete time [-]
-    right: ComplexArray  # Ψ, (order, n_modes): A Ψ = Ψ diag(λ_d)
-    kept: NDArray[np.int64]  # their places among all eigenvectors, (n_modes,)
-    all_poles: ComplexArray  # (order,), real and conjugate ones too
-    all_right: ComplexArray  # (order, order)
-    shapes: ComplexArray  # φ = C Ψ, (n_channels, n_modes) [-]
-    frequencies: FloatArray  # f, undamped [Hz]
-    damping_ratios: FloatArray  # ζ [-]
+    poles: ComplexArray
+    """λ_d of A_d, (n_modes,), discrete time [-]."""
+    right: ComplexArray
+    """Ψ, (order, n_modes): A Ψ = Ψ diag(λ_d)."""
+    kept: NDArray[np.int64]
+    """Their places among all eigenvectors, (n_modes,)."""
+    all_poles: ComplexArray
+    """(order,), real and conjugate ones too."""
+    all_right: ComplexArray
+    """(order, order)."""
+    shapes: ComplexArray
+    """φ = C Ψ, (n_channels, n_modes) [-]."""
+    frequencies: FloatArray
+    """f, undamped [Hz]."""
+    damping_ratios: FloatArray
+    """ζ [-]."""
 
 
 RESIDUAL = 1e-9  # ‖H Hᵀ u − s² u‖ / s² of every singular vector that is used

@@ -34,14 +34,22 @@ REPRESENTATIVE = 4  # a mode is represented by the pole at this part of its pole
 class PoleCloud:
     """Poles of all orders of a band that may belong to modes: the stabilisation diagram."""
 
-    orders: IntArray  # model order of each pole, (n_poles,)
-    indices: IntArray  # the pole's place among the modes of its order, (n_poles,)
-    frequencies: FloatArray  # (n_poles,) [Hz]
-    damping_ratios: FloatArray  # (n_poles,) [-]
-    shapes: ComplexArray  # (n_poles, n_channels) [-]
-    # first-order deviations by time block, (n_poles, n_blocks); no columns until computed
-    frequency_deviations: FloatArray  # Δf [Hz]
-    damping_deviations: FloatArray  # Δζ [-]
+    orders: IntArray
+    """Model order of each pole, (n_poles,)."""
+    indices: IntArray
+    """The pole's place among the modes of its order, (n_poles,)."""
+    frequencies: FloatArray
+    """(n_poles,) [Hz]."""
+    damping_ratios: FloatArray
+    """(n_poles,) [-]."""
+    shapes: ComplexArray
+    """(n_poles, n_channels) [-] first-order deviations by time block, (n_poles, n_blocks); no
+    columns until computed.
+    """
+    frequency_deviations: FloatArray
+    """Δf [Hz]."""
+    damping_deviations: FloatArray
+    """Δζ [-]."""
 
     def __len__(self) -> int:
         return len(self.frequencies)
@@ -65,11 +73,16 @@ class PoleCloud:
 class PoleCluster:
     """Poles of different orders taken for one mode."""
 
-    members: IntArray  # indices into the cloud, at most one of each order
-    representative: int  # index into the cloud
-    presence: float  # share of the orders [-]
-    frequency_spread: float  # of the members about the representative, beyond their std [Hz]
-    damping_spread: float  # the same of the damping ratios [-]
+    members: IntArray
+    """Indices into the cloud, at most one of each order."""
+    representative: int
+    """Index into the cloud."""
+    presence: float
+    """Share of the orders [-]."""
+    frequency_spread: float
+    """Of the members about the representative, beyond their std [Hz]."""
+    damping_spread: float
+    """The same of the damping ratios [-]."""
 
 
 def plausible(modes: SystemModes, band: Band, settings: OmaSettings) -> BoolArray:

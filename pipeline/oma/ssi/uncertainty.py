@@ -43,11 +43,16 @@ class ProjectedDeviations:
     """
 
     subspace: SignalSubspace
-    gram: FloatArray  # G = O_upᵀ O_up, (n, n)
-    shift: FloatArray  # K = O_upᵀ O_down, (n, n)
-    moving: FloatArray  # D, E and Wᵀ side by side, (n columns, 3, n rows, n_blocks)
-    inside: FloatArray  # W, (n columns, n rows, n_blocks)
-    first_row: FloatArray  # Y's first block row, (n columns, n_channels, n_blocks)
+    gram: FloatArray
+    """G = O_upᵀ O_up, (n, n)."""
+    shift: FloatArray
+    """K = O_upᵀ O_down, (n, n)."""
+    moving: FloatArray
+    """D, E and Wᵀ side by side, (n columns, 3, n rows, n_blocks)."""
+    inside: FloatArray
+    """W, (n columns, n rows, n_blocks)."""
+    first_row: FloatArray
+    """Y's first block row, (n columns, n_channels, n_blocks)."""
 
     @property
     def n_blocks(self) -> int:
@@ -127,9 +132,12 @@ class OrderDeviations:
     """
 
     modes: SystemModes
-    gram: FloatArray  # G, (n, n)
-    shift: FloatArray  # K, (n, n)
-    dual: ComplexArray  # G⁻¹ X, (n, n), with Xᵀ A = diag(λ_d) Xᵀ, Xᵀ Ψ = I
+    gram: FloatArray
+    """G, (n, n)."""
+    shift: FloatArray
+    """K, (n, n)."""
+    dual: ComplexArray
+    """G⁻¹ X, (n, n), with Xᵀ A = diag(λ_d) Xᵀ, Xᵀ Ψ = I."""
     projected: ProjectedDeviations
 
 
@@ -154,9 +162,12 @@ class StateDeviations:
     """
 
     order: OrderDeviations
-    chosen: NDArray[np.int64]  # places among the order's modes, (n_chosen,)
-    direct: ComplexArray  # (n_chosen, n, n_blocks)
-    inside: ComplexArray  # (n_chosen, n, n_blocks)
+    chosen: NDArray[np.int64]
+    """Places among the order's modes, (n_chosen,)."""
+    direct: ComplexArray
+    """(n_chosen, n, n_blocks)."""
+    inside: ComplexArray
+    """(n_chosen, n, n_blocks)."""
 
     def seen_by(
         self, functionals: ComplexArray, of_inside: FloatArray | float = 0.0
@@ -235,8 +246,10 @@ def _first_row(projected: ProjectedDeviations, psi: ComplexArray) -> ComplexArra
 class FrequencyDamping:
     """Deviations of frequency and damping by time block, each (n_modes, n_blocks)."""
 
-    frequency: FloatArray  # Δf [Hz]
-    damping_ratio: FloatArray  # Δζ [-]
+    frequency: FloatArray
+    """Δf [Hz]."""
+    damping_ratio: FloatArray
+    """Δζ [-]."""
 
     @property
     def frequency_std(self) -> FloatArray:

@@ -41,8 +41,10 @@ HARMONIC_WIDTH = 0.1  # half bandwidth below which a line is a harmonic [lines]
 class Suspect:
     """A frequency at which something may be hidden."""
 
-    frequency: float  # [Hz]
-    damping_ratio: float  # [-]
+    frequency: float
+    """Frequency [Hz]."""
+    damping_ratio: float
+    """Damping ratio [-]."""
 
     @property
     def half_bandwidth(self) -> float:
@@ -54,9 +56,12 @@ class Suspect:
 class Group:
     """Suspects in one stretch of frequencies."""
 
-    low: float  # of the lowest suspect [Hz]
-    high: float  # of the highest suspect [Hz]
-    half_bandwidth: float  # ζ f, median of the suspects [Hz]
+    low: float
+    """Of the lowest suspect [Hz]."""
+    high: float
+    """Of the highest suspect [Hz]."""
+    half_bandwidth: float
+    """ζ f, median of the suspects [Hz]."""
 
     def holds(self, frequency: float, duration: float) -> bool:
         """Whether a frequency [Hz] lies in the band, by a window of that duration [s]."""
@@ -222,7 +227,7 @@ def _is_pair(fit: WhittleFit, one: int, other: int, covariance: FloatArray) -> b
     within so many std of their difference."""
     gap = abs(fit.modes.positions[one] - fit.modes.positions[other])
     variance = covariance[one, one] + covariance[other, other] - 2 * covariance[one, other]
-    return bool(gap < max(1.0, CLOSE * np.sqrt(variance)))
+    return bool(gap < max(1.0, CLOSE * np.sqrt(max(variance, 0.0))))  # rounding may leave less
 
 
 def _of_vague_axes(

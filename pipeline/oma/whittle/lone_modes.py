@@ -10,7 +10,7 @@ small.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from pipeline.oma.whittle.neighbours import (
     bounded_half_bandwidth,
     first_mode,
     left_near_first,
+    reach_of,
 )
 from pipeline.oma.whittle.unseen_modes import (
     LEAST_COLOUR,
@@ -65,8 +66,8 @@ ANOTHER = 2.5  # power over flank of a direction that belongs to another mode [-
 FLANK_BEGINS = 3.0  # half bandwidths from a resonance
 STEEPEST = 1.2  # ln of a channel's power beside a resonance, below it over above it: of 46 bands of
 # a parked tower that no fit described nine in ten had more, of 108 that one did one in five
-MOST_FAILURES = 2  # bands that the model does not describe, after which the window's modes stand
-# too densely for any
+MOST_FAILURES = 2  # bands that the model does not describe, after which modes stand too densely for
+# any within one of them
 CONFIRMED_SHARE = (
     0.3  # of the half bandwidth: what f and ζ of a refused mode beside others are known to
 )
@@ -80,6 +81,26 @@ SEEN_OVER_FLANK = 10.0  # power over flank of a peak that needs no fit: those si
 MOST_UNCONFIRMED = 4  # refused modes, the best known first, that the lines do not show either
 
 
+@dataclass(frozen=True, slots=True)
+class DenseBands:
+    """Bands that the model does not describe."""
+
+    bands: tuple[tuple[float, float], ...] = ()
+    """Lowest and highest frequency of each [Hz]."""
+
+    def holds(self, frequency: float) -> bool:
+        """Whether modes stand too densely at a frequency [Hz] for the model of any band there.
+
+        A pair in a sea or three blades' modes under one peak say nothing of a mode elsewhere.
+        """
+        several = len(self.bands) >= MOST_FAILURES
+        return several and any(low <= frequency <= high for low, high in self.bands)
+
+    def with_band(self, band: tuple[float, float]) -> "DenseBands":
+        """Return them and one more."""
+        return DenseBands((*self.bands, band))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sharpened:
     """The modes of a window after those that the lines know better, and what stays refused."""
@@ -87,8 +108,8 @@ class Sharpened:
     modes: tuple[Mode, ...]
     """Lowest frequency first."""
     refused: tuple[RefusedMode, ...]
-    too_dense: bool = False
-    """Whether modes stand too densely for the model of a band."""
+    too_dense: "DenseBands" = field(default_factory=lambda: DenseBands())
+    """Where modes stand too densely for the model of a band."""
     unseen: tuple[RefusedMode, ...] = ()
     """What stands out of the lines, no pole shows, and is not believed; the clearest first."""
 
@@ -112,12 +133,12 @@ def sharpened(
     spectrum : WindowSpectrum
     settings : OmaSettings
     """
-    result, failures = list(modes), 0
+    result, dense = list(modes), DenseBands()
     found_hidden: list[Mode] = []
     reported = [mode for mode in modes if not mode.pair_id and mode.n_block_columns]
     for mode in sorted(reported, key=lambda each: -over_bound(each, spectrum)):
         others = [each for each in result if each is not mode]
-        if failures >= MOST_FAILURES or not _all_known(mode, others, spectrum):
+        if dense.holds(mode.frequency) or not _all_known(mode, others, spectrum):
             continue
         if _has_phases(mode, spectrum):
             continue
@@ -126,19 +147,18 @@ def sharpened(
         result += hidden
         found_hidden += hidden
         if fitted is None:
-            failures += 1
+            dense = dense.with_band(reach_of(mode, spectrum.duration))
             better = _perhaps_merged(mode, found_hidden)
         elif hidden or merged or fitted.frequency_std < SHARPER * mode.frequency_std:
             better = _with_gusts(fitted, mode)
         else:
             continue
         result = [better if each is mode else each for each in result]
-    too_dense = failures >= MOST_FAILURES
     doubted = [each for each in doubtful if any(each[1] is other for other in refused)]
-    confirmed = _confirmed(doubted, result, spectrum, settings, too_dense=too_dense)
+    confirmed = _confirmed(doubted, result, spectrum, settings, dense)
     found = sorted([*result, *(mode for mode, _ in confirmed)], key=lambda each: each.frequency)
     reasons = [each for each in refused if not any(each is reason for _, reason in confirmed)]
-    return Sharpened(tuple(found), tuple(reasons), too_dense)
+    return Sharpened(tuple(found), tuple(reasons), dense)
 
 
 def borne_out(
@@ -228,8 +248,7 @@ def _confirmed(
     modes: Sequence[Mode],
     spectrum: WindowSpectrum,
     settings: OmaSettings,
-    *,
-    too_dense: bool,
+    dense: DenseBands,
 ) -> list[tuple[Mode, RefusedMode]]:
     """Refused modes that the lines confirm, each with its reason."""
     confirmed: list[tuple[Mode, RefusedMode]] = []
@@ -240,7 +259,7 @@ def _confirmed(
         known = [*modes, *(each for each, _ in confirmed)]
         if _worth_a_fit(mode, known, spectrum):
             fitted = by_its_lines(mode, known, spectrum, settings)
-        elif not too_dense and _all_known(mode, known, spectrum):
+        elif not dense.holds(mode.frequency) and _all_known(mode, known, spectrum):
             fitted = with_neighbours(mode, known, spectrum, settings)
             if fitted is not None and bandwidth_share(fitted) > CONFIRMED_SHARE:
                 fitted = None

@@ -109,9 +109,7 @@ def around_mode(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) ->
     spectrum : WindowSpectrum
     """
     T, width = spectrum.duration, bounded_half_bandwidth(mode)
-    far = min(FAR_WIDTHS * width, FAR_SHARE * mode.frequency)
-    reach = REACH_LINES / T + max(REACH_WIDTHS * width, far)
-    low, high = max(mode.frequency - reach, LOWEST_END * mode.frequency), mode.frequency + reach
+    low, high = reach_of(mode, T)
     modes = [mode]
     for each in sorted(others, key=lambda other: abs(other.frequency - mode.frequency)):
         clear = CLEAR_WIDTHS * bounded_half_bandwidth(each) + CLEAR_LINES / T
@@ -128,6 +126,14 @@ def around_mode(mode: Mode, others: Sequence[Mode], spectrum: WindowSpectrum) ->
     if narrow or len(edges) <= FEWEST_BINS:
         return None
     return AroundMode(tuple(modes), spectrum.uneven_band(edges))
+
+
+def reach_of(mode: Mode, duration: float) -> tuple[float, float]:
+    """Ends of a mode's band, whatever its neighbours [Hz]. duration: T of the window [s]"""
+    width = bounded_half_bandwidth(mode)
+    far = min(FAR_WIDTHS * width, FAR_SHARE * mode.frequency)
+    reach = REACH_LINES / duration + max(REACH_WIDTHS * width, far)
+    return max(mode.frequency - reach, LOWEST_END * mode.frequency), mode.frequency + reach
 
 
 def _edges(low: float, high: float, modes: Sequence[Mode], duration: float) -> IntArray:

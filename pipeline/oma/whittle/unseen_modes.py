@@ -9,7 +9,7 @@ in complex ones, another mixture in every order, and each is refused for itself.
 pair all the same: a peak that stands out in two directions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -253,6 +253,7 @@ def with_unseen(
     settings: OmaSettings,
     *,
     reach: tuple[float, float],
+    too_dense: Callable[[float], bool] = lambda _: False,
 ) -> tuple[list[Mode], list[RefusedMode]]:
     """The modes with those that stand out of the lines where no pole shows one; what stands out and
     is not believed, the clearest first.
@@ -267,12 +268,17 @@ def with_unseen(
     settings : OmaSettings
     reach : (float, float)
         Lowest and highest frequency at which they are sought [Hz].
+    too_dense : callable, optional
+        Whether modes stand too densely at a frequency [Hz] for a fit: nothing is sought there.
     """
     result = list(modes)
     refused: list[RefusedMode] = []
     known = [_known_peak(each, spectrum) for each in (*modes, *harmonics)]
     failures = 0
-    for peak in unseen_peaks(spectrum, known, *reach)[:MOST_UNSEEN]:
+    peaks = [
+        each for each in unseen_peaks(spectrum, known, *reach) if not too_dense(each.frequency)
+    ]
+    for peak in peaks[:MOST_UNSEEN]:
         if failures >= MOST_UNSEEN_FAILURES:
             break
         start = _at_peak(peak, spectrum)

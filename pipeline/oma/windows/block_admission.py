@@ -76,20 +76,21 @@ class LimitSettings:
     """Section [limits]: what is beyond them is recorded, counted and not identified."""
 
     channels: int = 100
-    """Of a unit: the time for a window grows with their square."""
+    """Largest number of channels of a unit; the time for a window grows with its square."""
     sampling_rate: float = field(default=10_000.0, metadata=NO_KEY)
     """Of a unit [Hz]: faster is no vibration of a tower."""
     block_megabytes: float = 5.0
-    """Samples of one block [10⁶ bytes]."""
+    """Largest size of a block's samples [10⁶ bytes]."""
     cpu_seconds: float = 120.0
-    """For the identification of a window, in a run [s]; beyond, the window is rejected."""
+    """CPU time of a run for one window [s]; a window that needs more is rejected."""
     window_values: float = 1e7
-    """Samples × channels of a window, of some 40 bytes while it is identified: sixteen channels
-    at 1 kHz over ten minutes."""
+    """Largest number of values of a window, samples × channels; each takes some 40 bytes while
+    it is identified. The default is sixteen channels at 1 kHz for ten minutes.
+    """
     units: int = 16
-    """Names of units of a turbine."""
+    """Largest number of units of a turbine."""
     turbines: int = 300
-    """Names of turbines; an updater of each holds 3 MB."""
+    """Largest number of turbines; each takes 3 MB of the updating."""
 
     def __post_init__(self) -> None:
         for each in fields(self):

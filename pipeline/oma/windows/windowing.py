@@ -38,12 +38,16 @@ MOST_SINGLE_REJECTIONS = 100  # of windows in one gap; of more, one rejection st
 class MissingSamples:
     """Samples of a session that never came."""
 
-    first_sample: int  # the first missing one, since the session's start
+    first_sample: int
+    """The first missing one, since the session's start."""
     n_samples: int
-    first_sequence: int  # of the missing blocks
+    first_sequence: int
+    """Of the missing blocks."""
     n_blocks: int
-    start_ns: int  # sensor clock where they begin [ns]
-    end_ns: int  # sensor clock where samples resume [ns]
+    start_ns: int
+    """Sensor clock where they begin [ns]."""
+    end_ns: int
+    """Sensor clock where samples resume [ns]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,21 +137,32 @@ class BlockOrder:
 class Window:
     """One window of a session: all its samples, or why it has none to identify."""
 
-    index: int  # windows since the session's start, from 0
-    start_ns: int  # sensor clock at its first sample [ns]
-    end_ns: int  # one sample after its last [ns]
-    sampling_rate: float  # [Hz]
+    index: int
+    """Windows since the session's start, from 0."""
+    start_ns: int
+    """Sensor clock at its first sample [ns]."""
+    end_ns: int
+    """One sample after its last [ns]."""
+    sampling_rate: float
+    """Sampling rate [Hz]."""
     layout_id: str
     samples: FloatArray
     """(n, n_channels) [m/s²], at the nominal rate: a drift that the stamps show is taken out. NaN
     in a gap; empty where more than 5 % is missing."""
-    gaps: tuple[MissingSamples, ...]  # that fall into it
-    status: BlockStatus  # what the unit reported in any of its blocks
-    complete: bool  # False: the session ended inside it
-    first_sample: int  # since the unit's start
-    steps: tuple[ClockStep, ...]  # of the unit's stamps inside the window
-    clock: ClockFit | None  # of the stamps inside the window; None: too few
-    passed_over: int  # windows right before it that are not cut: all lie in the same gap
+    gaps: tuple[MissingSamples, ...]
+    """That fall into it."""
+    status: BlockStatus
+    """What the unit reported in any of its blocks."""
+    complete: bool
+    """False: the session ended inside it."""
+    first_sample: int
+    """Since the unit's start."""
+    steps: tuple[ClockStep, ...]
+    """Of the unit's stamps inside the window."""
+    clock: ClockFit | None
+    """Of the stamps inside the window; None: too few."""
+    passed_over: int
+    """Windows right before it that are not cut: all lie in the same gap."""
 
     @property
     def duration(self) -> float:
@@ -171,8 +186,10 @@ class _Piece:
 class WindowCutter:
     """Cuts one session's ordered blocks into windows of equal length, a hop apart."""
 
-    window_duration: float  # [s]
-    hop: float  # [s]
+    window_duration: float
+    """Length of a window [s]."""
+    hop: float
+    """Time from one window's start to the next one's [s]."""
     _pieces: list[_Piece] = field(default_factory=list)
     _gaps: list[MissingSamples] = field(default_factory=list)
     _steps: list[ClockStep] = field(default_factory=list)

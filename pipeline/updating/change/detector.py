@@ -46,9 +46,12 @@ class ChangeState:
 class Verdict:
     """What one window's look at the sums finds. R is in windows; shares of candidates included."""
 
-    log_kinds: FloatArray  # (2, K) log R of drift and foundation, each with its share beforehand
-    log_threshold: float  # log A
-    hazard: float  # changes expected a window
+    log_kinds: FloatArray
+    """(2, K) log R of drift and foundation, each with its share beforehand."""
+    log_threshold: float
+    """Log A."""
+    hazard: float
+    """Changes expected a window."""
 
     @property
     def log_total(self) -> float:
@@ -72,17 +75,28 @@ class Change:
     """A change that was noticed: when, which kind, how large."""
 
     kind: ChangeKind
-    foundation_probability: float  # given that there was a change [-]
-    candidate: int  # index of the most probable start
-    restart: int  # index of the first candidate that lies after the change almost surely
-    earliest: int  # indices of the 5 % …
-    latest: int  # … and 95 % quantiles
-    step: StiffnessStep  # if it was the foundation
-    rough: bool  # whether that is of a model whose description does not hold
-    level_std: float  # of levels that followed from the modes; 0: they were reported [m]
-    shifts: FloatArray  # (J,) change of ln f; NaN for tracks not seen before and after
-    shift_stds: FloatArray  # (J,)
-    log_frequencies: FloatArray  # (J,) before it, at the model's water level and WIND_REFERENCE
+    foundation_probability: float
+    """Given that there was a change [-]."""
+    candidate: int
+    """Index of the most probable start."""
+    restart: int
+    """Index of the first candidate that lies after the change almost surely."""
+    earliest: int
+    """Indices of the 5 % …"""
+    latest: int
+    """… and 95 % quantiles."""
+    step: StiffnessStep
+    """If it was the foundation."""
+    rough: bool
+    """Whether that is of a model whose description does not hold."""
+    level_std: float
+    """Of levels that followed from the modes; 0: they were reported [m]."""
+    shifts: FloatArray
+    """(J,) change of ln f; NaN for tracks not seen before and after."""
+    shift_stds: FloatArray
+    """(J,)."""
+    log_frequencies: FloatArray
+    """(J,) before it, at the model's water level and WIND_REFERENCE."""
 
 
 class ChangeDetector:

@@ -36,9 +36,12 @@ class TrackSensitivity:
     """How a tracked mode's frequency depends on springs and water, by its model mode."""
 
     track: int
-    model: str  # the model mode's label
-    slopes: FloatArray  # ∂ ln f / ∂ ratio, (3,) [-]
-    water: FloatArray  # ∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (2,) [1/m, 1/m²]
+    model: str
+    """The model mode's label."""
+    slopes: FloatArray
+    """∂ ln f / ∂ ratio, (3,) [-]."""
+    water: FloatArray
+    """∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (2,) [1/m, 1/m²]."""
 
 
 def watched_window(

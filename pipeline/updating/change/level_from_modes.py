@@ -37,8 +37,10 @@ HUBER = 1.5  # standard deviations beyond which an error counts less [-]
 class LastLevel:
     """The level of the last window."""
 
-    level: float = 0.0  # [m]
-    time_ns: int | None = None  # start of that window; None: there was none
+    level: float = 0.0
+    """Level above the mean water level [m]."""
+    time_ns: int | None = None
+    """Start of that window; None: there was none."""
 
     def mobility(self, start_ns: int, level_std: float) -> float:
         """q, standard deviation of what the level has moved until start_ns [m].

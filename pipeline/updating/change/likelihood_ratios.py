@@ -74,8 +74,10 @@ def log_drift(steps: Steps) -> FloatArray:
 class StiffnessStep:
     """By how much the springs have changed."""
 
-    ratios: FloatArray  # κ, (3,) change of k / nominal [-]
-    covariance: FloatArray  # (3, 3)
+    ratios: FloatArray
+    """κ, (3,) change of k / nominal [-]."""
+    covariance: FloatArray
+    """(3, 3)."""
 
 
 def log_foundation(steps: Steps, stiffness: FloatArray) -> FloatArray:

@@ -60,18 +60,24 @@ class WalkState:
     """Every answer's filter: the walk's deviation from its mean, and α [1/m]."""
 
     means: FloatArray = field(default_factory=lambda: np.zeros((len(DRIFT_STEPS), 6)))
-    covariances: FloatArray = field(default_factory=_at_rest)  # (H, 6, 6)
-    evidence: FloatArray = field(default_factory=lambda: np.zeros(len(DRIFT_STEPS)))  # (H,) log
-    level: float = 0.0  # of the last window, from the mean of all [m]
+    covariances: FloatArray = field(default_factory=_at_rest)
+    """(H, 6, 6)."""
+    evidence: FloatArray = field(default_factory=lambda: np.zeros(len(DRIFT_STEPS)))
+    """(H,) log."""
+    level: float = 0.0
+    """Of the last window, from the mean of all [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
     """Of Gaussians in d numbers."""
 
-    weights: FloatArray  # (H,) of sum 1
-    means: FloatArray  # (H, d)
-    covariances: FloatArray  # (H, d, d)
+    weights: FloatArray
+    """(H,) of sum 1."""
+    means: FloatArray
+    """(H, d)."""
+    covariances: FloatArray
+    """(H, d, d)."""
 
     @property
     def mean(self) -> FloatArray:

@@ -11,10 +11,16 @@ from sensors.settings import NO_KEY
 class ChangeSettings:
     """Section [updating.change] of a scenario."""
 
-    years_between_false_alarms: float = 3.0  # on average, of all kinds together [a]
-    changes_per_year: float = 1.0  # expected beforehand; only the stated probability knows it
-    foundation_share: ClassVar[float] = 0.5  # of these, changes of the foundation [-]
-    certainty: float = 0.95  # from which a change is called by its kind [-]
+    years_between_false_alarms: float = 3.0
+    """Mean time between two false alarms of any kind [years]."""
+    changes_per_year: float = 1.0
+    """Number of changes that is expected; it enters the reported probability of a change, not
+    the alarm.
+    """
+    foundation_share: ClassVar[float] = 0.5
+    """Of these, changes of the foundation [-]."""
+    certainty: float = 0.95
+    """Probability from which a change is called `foundation` or `modal-drift` [-]."""
     candidates: int = field(default=32, metadata=NO_KEY)
     """Windows that a change may have started with; older ones are thinned out."""
 

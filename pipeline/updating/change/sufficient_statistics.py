@@ -46,8 +46,10 @@ class SeenFrequency:
     """A tracked mode in one window."""
 
     track: int
-    log_frequency: float  # ln f
-    std: float  # relative [-]
+    log_frequency: float
+    """Ln f."""
+    std: float
+    """Relative [-]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +57,17 @@ class WatchedWindow:
     """What the detectors receive of one window."""
 
     start_ns: int
-    duration: float  # [s]
+    duration: float
+    """Length of the window [s]."""
     seen: tuple[SeenFrequency, ...]
-    weight: float = 1.0  # hop / window duration: how much of it is new [-]
-    water_level: float = 0.0  # above the model's [m]; 0 where it is not known
-    wind: float = 0.0  # mean speed above WIND_REFERENCE [m/s]; 0 where it is not known
-    level_std: float = 0.0  # of a level that nothing reports; 0 where one is reported [m]
+    weight: float = 1.0
+    """Hop / window duration: how much of it is new [-]."""
+    water_level: float = 0.0
+    """Above the model's [m]; 0 where it is not known."""
+    wind: float = 0.0
+    """Mean speed above WIND_REFERENCE [m/s]; 0 where it is not known."""
+    level_std: float = 0.0
+    """Of a level that nothing reports; 0 where one is reported [m]."""
 
     @property
     def surroundings(self) -> FloatArray:
@@ -72,10 +79,14 @@ class WatchedWindow:
 class Seen:
     """A window's frequencies by the columns of the sums before it."""
 
-    columns: NDArray[np.intp]  # (n_seen,)
-    values: FloatArray  # y, ln f from the reference, (n_seen,)
-    variances: FloatArray  # σ² as stated, (n_seen,)
-    totals: FloatArray  # of the sums before it, (N_SUMS, J)
+    columns: NDArray[np.intp]
+    """(n_seen,)."""
+    values: FloatArray
+    """y, ln f from the reference, (n_seen,)."""
+    variances: FloatArray
+    """σ² as stated, (n_seen,)."""
+    totals: FloatArray
+    """Of the sums before it, (N_SUMS, J)."""
 
 
 SLOPE_ERROR = (
@@ -89,10 +100,14 @@ class Sensitivities:
     """How the model's frequencies depend on springs and water, by track; zeros for a track that is
     paired with no mode of the model."""
 
-    stiffness: FloatArray  # S = ∂ ln f / ∂ (k / nominal), (J, 3) [-]
-    water: FloatArray  # ∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (J, 2) [1/m, 1/m²]
-    rough: bool = False  # of a model whose description does not hold
-    level_std: float = 0.0  # of levels that follow from the modes; 0: they are reported [m]
+    stiffness: FloatArray
+    """S = ∂ ln f / ∂ (k / nominal), (J, 3) [-]."""
+    water: FloatArray
+    """∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (J, 2) [1/m, 1/m²]."""
+    rough: bool = False
+    """Of a model whose description does not hold."""
+    level_std: float = 0.0
+    """Of levels that follow from the modes; 0: they are reported [m]."""
 
     @property
     def slope_error(self) -> float:
@@ -139,16 +154,18 @@ class ChangeSums:
     the numbers of tracks and candidates only, not on that of windows."""
 
     tracks: tuple[int, ...] = ()
-    starts_ns: tuple[int, ...] = ()  # of each segment's first window
-    shares: FloatArray = field(default_factory=_NONE)  # (K,) windows that a candidate stands for
-    segments: FloatArray = field(
-        default_factory=_NO_SEGMENTS
-    )  # (N_SUMS, K, J), y from the reference
-    reference: FloatArray = field(default_factory=_NONE)  # ln f when first seen, (J,)
-    last: FloatArray = field(default_factory=_NO_PAIRS)  # (2, J) y and σ² when last seen
-    scatter: FloatArray = field(
-        default_factory=_NO_PAIRS
-    )  # (2, J) Σ of squared differences, and their number
+    starts_ns: tuple[int, ...] = ()
+    """Of each segment's first window."""
+    shares: FloatArray = field(default_factory=_NONE)
+    """(K,) windows that a candidate stands for."""
+    segments: FloatArray = field(default_factory=_NO_SEGMENTS)
+    """Sums of every segment and track, y from the reference, (N_SUMS, K, J)."""
+    reference: FloatArray = field(default_factory=_NONE)
+    """Ln f when first seen, (J,)."""
+    last: FloatArray = field(default_factory=_NO_PAIRS)
+    """(2, J) y and σ² when last seen."""
+    scatter: FloatArray = field(default_factory=_NO_PAIRS)
+    """Σ of squared differences, and their number, (2, J)."""
 
     @property
     def totals(self) -> FloatArray:
@@ -172,8 +189,10 @@ class Regression:
     """ln f, from the reference, of every track as β z, the model's dependence on the water taken
     out."""
 
-    coefficients: FloatArray  # β: at the model's level and WIND_REFERENCE, 1/m, s/m, (3, J)
-    covariance: FloatArray  # A⁻¹, (3, 3, J)
+    coefficients: FloatArray
+    """β: at the model's level and WIND_REFERENCE, 1/m, s/m, (3, J)."""
+    covariance: FloatArray
+    """A⁻¹, (3, 3, J)."""
 
     @classmethod
     def of(

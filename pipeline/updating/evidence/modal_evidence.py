@@ -146,9 +146,16 @@ class ModalEvidence:
     joint_covariance: bool = False
     modes: tuple[ModeEvidence, ...] = ()
     n_windows: int = 0
-    n_tracks: int = 0  # started so far
-    window_duration: float = 0.0  # of the shortest window [s]
-    n_unknown_levels: int = 0  # windows whose water level nothing reported
+    n_tracks: int = 0
+    """Started so far."""
+    window_duration: float = 0.0
+    """Of the shortest window [s]."""
+    n_unknown_levels: int = 0
+    """Windows whose water level nothing reported."""
+    former: tuple[ModeEvidence, ...] = ()
+    """Modes of the evidence before the last event that no window has seen since: one that returns
+    has its track again, and is not taken for its neighbour.
+    """
 
     def with_estimate(self, estimate: ModalEstimate, *, rise: float = 0.0) -> "ModalEvidence":
         """The evidence after one more window. Raises EstimateRefused; self never changes.
@@ -162,12 +169,14 @@ class ModalEvidence:
     def with_window(self, seen: SeenWindow) -> "ModalEvidence":
         """The same from what one window saw."""
         window = self.n_windows + 1
-        modes, n_tracks = list(self.modes), self.n_tracks
-        followed = followed_by(self.modes, seen.observations)
+        modes, n_tracks, known_now = list(self.modes), self.n_tracks, len(self.modes)
+        followed = followed_by((*self.modes, *self.former), seen.observations)
         returned = jumped_from(self.modes, seen.observations, followed, window)
         for number, jump, observation in zip(followed, returned, seen.observations, strict=True):
-            if number >= 0:
+            if 0 <= number < known_now:
                 known = modes[number]
+            elif number >= known_now:
+                known = ModeEvidence.empty(observation, self.former[number - known_now].track)
             elif jump >= 0:
                 known = ModeEvidence.empty(observation, modes[jump].track)
             else:
@@ -179,11 +188,11 @@ class ModalEvidence:
                 joint_covariance=self.joint_covariance,
                 rise=seen.rise,
             )
-            if number >= 0:
+            if 0 <= number < known_now:
                 modes[number] = updated
             else:
                 modes.append(updated)
-        modes, n_tracks = _with_own_tracks(modes, window, n_tracks)
+        modes, n_tracks = _with_own_tracks(modes, self.modes, window, n_tracks)
         return replace(
             self,
             modes=_remembered(modes, window),
@@ -191,6 +200,7 @@ class ModalEvidence:
             n_tracks=n_tracks,
             window_duration=min(self.window_duration or np.inf, seen.duration),
             n_unknown_levels=self.n_unknown_levels + (not seen.level_known),
+            former=tuple(m for n, m in enumerate(self.former, known_now) if n not in followed),
         )
 
     def with_channels(self, order: Sequence[int], signs: Sequence[float]) -> "ModalEvidence":
@@ -236,25 +246,41 @@ class ModalEvidence:
         ]
         return replace(self, modes=tuple(modes))
 
-    def with_tracks_of(self, other: "ModalEvidence") -> "ModalEvidence":
-        """The same modes under the tracks that `other`, of the same last window, knows them by."""
-        tracks = {mode.last_frequency: mode.track for mode in other.modes}
+    def continuing(self, earlier: "ModalEvidence") -> "ModalEvidence":
+        """The same modes under the tracks that `earlier`, of the same last window, knows them by;
+        those of its modes that are not among them are its former ones."""
+        tracks = {mode.last_frequency: mode.track for mode in earlier.modes}
         modes = [replace(m, track=tracks.get(m.last_frequency, m.track)) for m in self.modes]
-        return replace(self, modes=tuple(modes), n_tracks=max(self.n_tracks, other.n_tracks))
+        seen = {mode.track for mode in modes}
+        return replace(
+            self,
+            modes=tuple(modes),
+            n_tracks=max(self.n_tracks, earlier.n_tracks),
+            former=tuple(mode for mode in earlier.modes if mode.track not in seen),
+        )
 
 
 def _with_own_tracks(
-    modes: Sequence[ModeEvidence], window: int, n_tracks: int
+    modes: Sequence[ModeEvidence], before: Sequence[ModeEvidence], window: int, n_tracks: int
 ) -> tuple[list[ModeEvidence], int]:
-    """The modes and the number of tracks, none of which this window sees twice.
+    """The modes and the number of tracks, on none of which two modes are seen by turns.
 
-    What seemed to be the continuation of a missed mode was another one if a window sees both: the
-    mode of more windows keeps the track.
+    What seemed to be the continuation of a missed mode was another one if a window sees both, or
+    if the missed mode returns: after a jump it would not. The mode of more windows keeps the track.
+
+    before   the first of the modes as they were before this window
     """
+    last_seen = [mode.last_window for mode in before]
+    now = [number for number, mode in enumerate(modes) if mode.last_window == window]
+    returned = {modes[number].track: last_seen[number] for number in now if number < len(before)}
+    contested = [
+        number
+        for number, mode in enumerate(modes)
+        if mode.last_window > returned.get(mode.track, window - 1)
+    ]
     owners: set[int] = set()
     apart = list(modes)
-    now = [number for number, mode in enumerate(modes) if mode.last_window == window]
-    for number in sorted(now, key=lambda number: modes[number].n_windows, reverse=True):
+    for number in sorted(contested, key=lambda number: modes[number].n_windows, reverse=True):
         if modes[number].track in owners:
             apart[number] = replace(modes[number], track=n_tracks)
             n_tracks += 1

@@ -21,8 +21,10 @@ LONGEST_PATIENCE = 4320  # windows, a month of ten minutes each
 class PartnerInWater:
     """A mode of the model with the water one metre lower, as it is, one metre higher."""
 
-    log_frequencies: FloatArray  # ln f, (3,)
-    shapes: FloatArray  # (3, n_channels) [-], scale arbitrary
+    log_frequencies: FloatArray
+    """Ln f, (3,)."""
+    shapes: FloatArray
+    """(3, n_channels) [-], scale arbitrary."""
 
     @property
     def curve(self) -> FloatArray:
@@ -55,20 +57,29 @@ class ModeEvidence:
     """
 
     name: str
-    unit_component: int  # channel index
-    information: FloatArray  # Σ w Σ_t⁻¹, (1 + n_channels, 1 + n_channels)
-    information_mean: FloatArray  # Σ w Σ_t⁻¹ d_t, (1 + n_channels,)
-    level_information: (
-        FloatArray  # Σ w l Σ_t⁻¹ and Σ w l² Σ_t⁻¹, their row of f, (2, 1 + n_channels)
-    )
-    track: int  # stays with the mode, also through a jump of its frequency
-    n_windows: int  # windows that saw this mode
-    last_window: int  # the accepted window that saw it last, counted from 1
-    last_frequency: float = np.nan  # as that window saw it [Hz]
-    last_frequency_std: float = np.nan  # [Hz]
+    unit_component: int
+    """Channel index."""
+    information: FloatArray
+    """Σ w Σ_t⁻¹, (1 + n_channels, 1 + n_channels)."""
+    information_mean: FloatArray
+    """Σ w Σ_t⁻¹ d_t, (1 + n_channels,)."""
+    level_information: FloatArray
+    """Σ w l Σ_t⁻¹ and Σ w l² Σ_t⁻¹, (2, 1 + n_channels, 1 + n_channels)."""
+    track: int
+    """Stays with the mode, also through a jump of its frequency."""
+    n_windows: int
+    """Windows that saw this mode."""
+    last_window: int
+    """The accepted window that saw it last, counted from 1."""
+    last_frequency: float = np.nan
+    """As that window saw it [Hz]."""
+    last_frequency_std: float = np.nan
+    """Standard deviation of the last frequency [Hz]."""
     close_pair: bool = False
-    first_window: int = 1  # that saw it, counted as the last one
-    damping_ratio: float = np.nan  # ζ, mean of these windows; NaN where unknown [-]
+    first_window: int = 1
+    """That saw it, counted as the last one."""
+    damping_ratio: float = np.nan
+    """ζ, mean of these windows; NaN where unknown [-]."""
 
     @classmethod
     def empty(cls, observation: ModeObservation, track: int = 0) -> "ModeEvidence":

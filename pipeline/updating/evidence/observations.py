@@ -35,11 +35,16 @@ class ModeObservation:
     """
 
     name: str
-    values: FloatArray  # (1 + n_channels,)
-    factor: FloatArray  # F, (1 + n_channels, n_columns), F Fᵀ the covariance
-    n_blocks: int  # time blocks from which the covariance was estimated
-    close_pair: bool = False  # the mean frequency of two modes that could not be separated
-    damping_ratio: float = np.nan  # ζ; NaN for a close pair [-]
+    values: FloatArray
+    """(1 + n_channels,)."""
+    factor: FloatArray
+    """F, (1 + n_channels, n_columns), F Fᵀ the covariance."""
+    n_blocks: int
+    """Time blocks from which the covariance was estimated."""
+    close_pair: bool = False
+    """The mean frequency of two modes that could not be separated."""
+    damping_ratio: float = np.nan
+    """ζ; NaN for a close pair [-]."""
 
     @property
     def frequency(self) -> float:

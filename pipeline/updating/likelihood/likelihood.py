@@ -42,8 +42,10 @@ SMALLEST_SIGMA_STEP = 2e-4  # where σ's grid turns from even to geometric steps
 class LikelihoodSettings:
     """What is counted as error beside the identification's own standard deviations."""
 
-    frequency_floor: float = 0.0005  # systematic, share of f [-]
-    shape_floor: float = 0.005  # systematic, share of the shape's largest component [-]
+    frequency_floor: float = 0.0005
+    """Systematic error of a frequency, as a share of it [-]."""
+    shape_floor: float = 0.005
+    """Systematic error of a shape's component, as a share of the largest [-]."""
     resolution: ClassVar[float] = 1.5
     """Model modes nearer than this many 1/T cannot be distinguished [-]."""
 
@@ -61,11 +63,16 @@ class LikelihoodSettings:
     least_mac: ClassVar[float] = 0.95
     """With the partner's shape; below, only the frequency is compared [-]."""
 
-    joint_covariance: bool = False  # keep correlations between the components of one mode
-    sigma_points: int = field(default=60, metadata=NO_KEY)  # of the grid over which σ is integrated
-    tails: Literal["gaussian", "student-t"] = "student-t"  # of each mode's discrepancy and floor
-    degrees_of_freedom: ClassVar[float] = 4.0  # of Student's t; fewer forgive an outlying mode more
-    modes: tuple[str, ...] = ()  # labels of the model's that are compared; empty: all it has
+    joint_covariance: bool = False
+    """Whether the correlations between the components of one mode are kept."""
+    sigma_points: int = field(default=60, metadata=NO_KEY)
+    """Of the grid over which σ is integrated."""
+    tails: Literal["gaussian", "student-t"] = "student-t"
+    """Distribution of each mode's discrepancy."""
+    degrees_of_freedom: ClassVar[float] = 4.0
+    """Of Student's t; fewer forgive an outlying mode more."""
+    modes: tuple[str, ...] = ()
+    """Labels of the model's modes that are compared; empty: all of them."""
 
     def __post_init__(self) -> None:
         smallest = min(self.frequency_floor, self.shape_floor)
@@ -84,11 +91,15 @@ class LikelihoodSettings:
 class ModeComparison:
     """How one identified mode enters: which model modes it is compared with, and in what."""
 
-    identified: int  # index in ModalEvidence.modes
-    model_modes: tuple[int, ...]  # their mean frequency is compared; two for a close pair
+    identified: int
+    """Index in ModalEvidence.modes."""
+    model_modes: tuple[int, ...]
+    """Their mean frequency is compared; two for a close pair."""
     shape_used: bool
-    gap: float  # [Hz], added to the standard deviation of f: the neighbour it may be mixed with
-    shape_unlike: bool = False  # left out although no neighbour is near enough to be mixed with
+    gap: float
+    """[Hz], added to the standard deviation of f: the neighbour it may be mixed with."""
+    shape_unlike: bool = False
+    """Left out although no neighbour is near enough to be mixed with."""
 
 
 def observations(

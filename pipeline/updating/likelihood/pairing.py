@@ -30,16 +30,20 @@ DIFFERENCE = 1e-4  # relative step of the numerical derivatives [-]
 class PairingSettings:
     """Weights and extent of the search."""
 
-    search_draws: int = 500  # of the prior box
+    search_draws: int = 500
+    """Number of points of the prior that are tried when modes are paired."""
     tried: int = field(default=12, metadata=NO_KEY)
     """Best draws that are followed at the widest tolerance."""
 
-    refined: int = 4  # best of these that are followed to the narrowest
+    refined: int = 4
+    """Number of the best of these from which the fit is refined."""
     tolerances: tuple[float, ...] = field(default=(0.03, 0.015, 0.008, 0.004), metadata=NO_KEY)
     """Standard deviations s_f of ln f, in turn [-]."""
 
-    steps: ClassVar[int] = 3  # Gauss-Newton steps at each tolerance
-    mac_scale: ClassVar[float] = 0.15  # of 1 − MAC [-]
+    steps: ClassVar[int] = 3
+    """Gauss-Newton steps at each tolerance."""
+    mac_scale: ClassVar[float] = 0.15
+    """Of 1 − MAC [-]."""
     rejection: float = field(default=9.0, metadata=NO_KEY)
     """Cost at which an identified mode is better left alone [-]."""
 
@@ -59,11 +63,16 @@ class PairingTargets:
     A close pair has no shape: its row of `shapes` is zero and its MAC counts as 1.
     """
 
-    log_frequencies: FloatArray  # (n_identified,)
-    shapes: FloatArray  # (n_identified, n_channels) [-], zero at absent channels
-    available: FloatArray  # (n_identified, n_channels), 1 where the channel was measured
-    weights: FloatArray  # (n_identified,) share of the windows in which the mode was seen
-    judged: FloatArray  # (n_identified,) 1 where the model, if right, must have a partner
+    log_frequencies: FloatArray
+    """(n_identified,)."""
+    shapes: FloatArray
+    """(n_identified, n_channels) [-], zero at absent channels."""
+    available: FloatArray
+    """(n_identified, n_channels), 1 where the channel was measured."""
+    weights: FloatArray
+    """(n_identified,) share of the windows in which the mode was seen."""
+    judged: FloatArray
+    """(n_identified,) 1 where the model, if right, must have a partner."""
 
     @classmethod
     def of(
@@ -90,11 +99,16 @@ class PairingTargets:
 class Pairing:
     """One assignment at one stiffness."""
 
-    ratios: FloatArray  # (3,) where it was made [-]
-    model_modes: tuple[int, ...]  # for each identified mode the model mode's index, or −1
-    total_cost: float  # over all identified modes, weighted by how often they were seen [-]
-    cost: float  # mean over the judged modes, weighted likewise [-]
-    paired_share: float  # of the judged modes, those that found a partner, weighted likewise [-]
+    ratios: FloatArray
+    """(3,) where it was made [-]."""
+    model_modes: tuple[int, ...]
+    """For each identified mode the model mode's index, or −1."""
+    total_cost: float
+    """Over all identified modes, weighted by how often they were seen [-]."""
+    cost: float
+    """Mean over the judged modes, weighted likewise [-]."""
+    paired_share: float
+    """Of the judged modes, those that found a partner, weighted likewise [-]."""
 
 
 def pairing_costs(

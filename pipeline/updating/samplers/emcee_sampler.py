@@ -66,7 +66,8 @@ class SamplerSettings:
 
     walkers: int = 40
     """Number of walkers; even, 16 or more."""
-    burn_in: int = field(default=25, metadata=NO_KEY)  # steps that are thrown away
+    burn_in: int = field(default=25, metadata=NO_KEY)
+    """Steps that are thrown away."""
     block: int = field(default=25, metadata=NO_KEY)
     """Steps between two looks at the autocorrelation."""
 
@@ -92,12 +93,18 @@ class SamplerSettings:
 class Chains:
     """An ensemble's walk after burn-in."""
 
-    points: FloatArray  # (n_steps, n_walkers, n_dim)
-    companions: FloatArray  # (n_steps, n_walkers)
-    autocorrelation_time: float  # largest over dimensions and companion [steps]
-    ess: float  # smallest effective sample size
-    rhat: float  # largest split R̂
-    long_enough: bool  # at least 50 τ and the wanted effective draws
+    points: FloatArray
+    """(n_steps, n_walkers, n_dim)."""
+    companions: FloatArray
+    """(n_steps, n_walkers)."""
+    autocorrelation_time: float
+    """Largest over dimensions and companion [steps]."""
+    ess: float
+    """Smallest effective sample size."""
+    rhat: float
+    """Largest split R̂."""
+    long_enough: bool
+    """At least 50 τ and the wanted effective draws."""
 
     @property
     def flat(self) -> FloatArray:

@@ -47,12 +47,18 @@ FIT_SIZE = 30.0  # effective points from which a mixture can be fitted
 class ImportanceSettings:
     """How many draws, and when importance sampling is given up."""
 
-    effective_draws: float = 1000.0  # Kish ESS at which sampling stops
-    least_efficiency: ClassVar[float] = 0.1  # Kish ESS / N below which chains take over [-]
-    pilot: int = field(default=200, metadata=NO_KEY)  # draws of one pilot round
-    most_pilots: int = field(default=8, metadata=NO_KEY)  # rounds
-    components: int = field(default=8, metadata=NO_KEY)  # at most, of the mixture
-    draws: int = 4000  # of equal weight, resampled from the weighted ones
+    effective_draws: float = 1000.0
+    """Effective number of draws (Kish) at which sampling stops."""
+    least_efficiency: ClassVar[float] = 0.1
+    """Kish ESS / N below which chains take over [-]."""
+    pilot: int = field(default=200, metadata=NO_KEY)
+    """Draws of one pilot round."""
+    most_pilots: int = field(default=8, metadata=NO_KEY)
+    """Rounds."""
+    components: int = field(default=8, metadata=NO_KEY)
+    """At most, of the mixture."""
+    draws: int = 4000
+    """Number of draws of equal weight at the end."""
 
     def __post_init__(self) -> None:
         if min(self.effective_draws, self.pilot, self.draws) < 50 or self.most_pilots < 1:
@@ -68,10 +74,14 @@ class ImportanceSettings:
 class WeightedDraws:
     """Independent draws of a proposal q with their log weights log p − log q."""
 
-    points: FloatArray  # (n, n_dim)
-    companions: FloatArray  # (n,)
-    log_target: FloatArray  # log p, (n,)
-    log_weights: FloatArray  # (n,)
+    points: FloatArray
+    """(n, n_dim)."""
+    companions: FloatArray
+    """(n,)."""
+    log_target: FloatArray
+    """Log p, (n,)."""
+    log_weights: FloatArray
+    """(n,)."""
 
     @classmethod
     def joined(cls, parts: Sequence["WeightedDraws"]) -> "WeightedDraws":
@@ -291,7 +301,8 @@ class ImportanceSampler:
     """
 
     settings: ImportanceSettings
-    chains: PosteriorSampler  # takes over
+    chains: PosteriorSampler
+    """Takes over."""
 
     def __call__(self, target: Target, generator: np.random.Generator) -> PosteriorDraws:
         """Draws of the posterior; `warnings` reports when the chains took over and why."""

@@ -26,8 +26,10 @@ LogDensity = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 class Peak:
     """Gaussian approximation of the posterior in the ratios k / nominal."""
 
-    ratios: FloatArray  # (3,); what else is uncertain follows (`uncertain`)
-    covariance: FloatArray  # (3, 3)
+    ratios: FloatArray
+    """(3,); what else is uncertain follows (`uncertain`)."""
+    covariance: FloatArray
+    """(3, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,26 +39,40 @@ class Target:
     The last two only determine where to look first. They never enter the answer.
     """
 
-    log_density: LogDensity  # log likelihood, −inf where the prior is zero
-    prior_draws: Callable[[int, np.random.Generator], FloatArray]  # n → (n, n_dim)
-    log_prior_volume: float  # log of the volume on which the prior is uniform
-    peak: Peak  # Gaussian approximation of the posterior
-    ensemble: FloatArray | None = None  # (n, n_dim) draws of an earlier posterior
+    log_density: LogDensity
+    """Log likelihood, −inf where the prior is zero."""
+    prior_draws: Callable[[int, np.random.Generator], FloatArray]
+    """n → (n, n_dim)."""
+    log_prior_volume: float
+    """Log of the volume on which the prior is uniform."""
+    peak: Peak
+    """Gaussian approximation of the posterior."""
+    ensemble: FloatArray | None = None
+    """(n, n_dim) draws of an earlier posterior."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosteriorDraws:
     """Draws from a posterior, all of equal weight, with what a reader needs to trust them."""
 
-    flat: FloatArray  # (n_draws, n_dim + 1) points with their companion
-    ensemble: FloatArray  # (n, n_dim) of the points: where the next posterior may start
-    sampler: str  # "importance", "emcee", …
-    evaluations: int  # of the likelihood, adaptation included
-    ess: float  # independent draws with as much information
-    rhat: float = float("nan")  # largest R̂ over chains or independent batches
-    autocorrelation_time: float = float("nan")  # [steps]; NaN where there is no chain
-    efficiency: float = float("nan")  # Kish ESS / draws of an importance sampler [-]
-    log_evidence: float = float("nan")  # log p(d), the likelihood's dropped constant left out
+    flat: FloatArray
+    """(n_draws, n_dim + 1) points with their companion."""
+    ensemble: FloatArray
+    """(n, n_dim) of the points: where the next posterior may start."""
+    sampler: str
+    """"importance", "emcee", …"""
+    evaluations: int
+    """Of the likelihood, adaptation included."""
+    ess: float
+    """Independent draws with as much information."""
+    rhat: float = float("nan")
+    """Largest R̂ over chains or independent batches."""
+    autocorrelation_time: float = float("nan")
+    """[steps]; NaN where there is no chain."""
+    efficiency: float = float("nan")
+    """Kish ESS / draws of an importance sampler [-]."""
+    log_evidence: float = float("nan")
+    """Log p(d), the likelihood's dropped constant left out."""
     log_evidence_std: float = float("nan")
     warnings: tuple[QualityWarning, ...] = ()
 

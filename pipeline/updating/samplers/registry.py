@@ -36,7 +36,7 @@ class SamplingSettings:
     """Section [updating.sampling] of a scenario: which sampler, and each one's own settings."""
 
     method: SamplerName = "importance"
-    """"importance", "emcee", "tmcmc" or "tmcmc-published"."""
+    """Sampler of an exact structure; an uncertain one takes none of them."""
     importance: ImportanceSettings = field(default_factory=ImportanceSettings)
     tempering: TemperingSettings = field(default_factory=TemperingSettings)
     published: PublishedSettings = field(default_factory=PublishedSettings)

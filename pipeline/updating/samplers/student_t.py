@@ -25,10 +25,14 @@ class StudentMixture:
     S is the scale matrix; the covariance of a component is S ν/(ν−2).
     """
 
-    shares: FloatArray  # α, (n_components,), sum 1
-    means: FloatArray  # μ, (n_components, n_dim)
-    factors: FloatArray  # L, (n_components, n_dim, n_dim), lower
-    degrees: float = DEGREES_OF_FREEDOM  # ν
+    shares: FloatArray
+    """α, (n_components,), sum 1."""
+    means: FloatArray
+    """μ, (n_components, n_dim)."""
+    factors: FloatArray
+    """L, (n_components, n_dim, n_dim), lower."""
+    degrees: float = DEGREES_OF_FREEDOM
+    """ν."""
 
     @classmethod
     def single(cls, mean: FloatArray, scale: FloatArray) -> "StudentMixture":

@@ -39,9 +39,12 @@ GOOD_ACCEPTANCE = 0.3  # of a random walk in a few dimensions [-]
 class PublishedSettings:
     """TMCMC with the constants of Ching and Chen (2007)."""
 
-    samples: int = field(default=20_000, metadata=NO_KEY)  # a stage; §4.2 has 100 000
-    variation: ClassVar[float] = 1.0  # coefficient of variation of a stage's weights [-]
-    scale: ClassVar[float] = 0.2  # β, of the proposal's standard deviations to the stage's [-]
+    samples: int = field(default=20_000, metadata=NO_KEY)
+    """A stage; §4.2 has 100 000."""
+    variation: ClassVar[float] = 1.0
+    """Coefficient of variation of a stage's weights [-]."""
+    scale: ClassVar[float] = 0.2
+    """β, of the proposal's standard deviations to the stage's [-]."""
 
     def __post_init__(self) -> None:
         _check(self.samples)
@@ -51,17 +54,25 @@ class PublishedSettings:
 class TemperingSettings:
     """TMCMC, corrected."""
 
-    samples: int = 20_000  # of the final importance sampling, and of equal weight at the end
-    particles: int = field(default=1000, metadata=NO_KEY)  # of every stage
-    variation: ClassVar[float] = 0.5  # coefficient of variation of a stage's weights [-]
-    remembered: ClassVar[float] = 0.6  # correlation with a stage's start at which its steps end [-]
-    most_steps: ClassVar[int] = 8  # of a stage
+    samples: int = 20_000
+    """Number of samples of the last stage, and of draws."""
+    particles: int = field(default=1000, metadata=NO_KEY)
+    """Of every stage."""
+    variation: ClassVar[float] = 0.5
+    """Coefficient of variation of a stage's weights [-]."""
+    remembered: ClassVar[float] = 0.6
+    """Correlation with a stage's start at which its steps end [-]."""
+    most_steps: ClassVar[int] = 8
+    """Of a stage."""
     pilot: int = field(default=4000, metadata=NO_KEY)
     """Draws of one pilot round of the importance sampling."""
 
-    most_pilots: ClassVar[int] = 4  # rounds
-    components: ClassVar[int] = 8  # at most, of the mixture
-    least_efficiency: ClassVar[float] = 0.1  # Kish ESS / N below which the answer is doubted [-]
+    most_pilots: ClassVar[int] = 4
+    """Rounds."""
+    components: ClassVar[int] = 8
+    """At most, of the mixture."""
+    least_efficiency: ClassVar[float] = 0.1
+    """Kish ESS / N below which the answer is doubted [-]."""
 
     def __post_init__(self) -> None:
         _check(min(self.samples, self.particles, self.pilot))
@@ -76,12 +87,18 @@ def _check(samples: int) -> None:
 class Population:
     """Samples of one tempered distribution."""
 
-    points: FloatArray  # (n, n_dim)
-    companions: FloatArray  # (n,)
-    log_likelihood: FloatArray  # (n,)
-    exponent: float = 0.0  # β
-    log_evidence: float = 0.0  # Σ over the stages of log mean(w)
-    variance: float = 0.0  # of log_evidence, were the samples independent
+    points: FloatArray
+    """(n, n_dim)."""
+    companions: FloatArray
+    """(n,)."""
+    log_likelihood: FloatArray
+    """(n,)."""
+    exponent: float = 0.0
+    """β."""
+    log_evidence: float = 0.0
+    """Σ over the stages of log mean(w)."""
+    variance: float = 0.0
+    """Of log_evidence, were the samples independent."""
     stages: int = 0
 
     def taken(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> "Population":

@@ -59,7 +59,8 @@ class JointFitSettings:
     """Starts and errors of the joint fit."""
 
     most_starts: int = 12
-    good_cost: float = 1.5  # per degree of freedom: no further start is tried
+    good_cost: float = 1.5
+    """Per degree of freedom: no further start is tried."""
     search_draws: int = 400
 
     def __post_init__(self) -> None:

@@ -229,8 +229,8 @@ def clock_time(time_ns: int) -> str:
 
 def gap_text(gap: StreamGap) -> str:
     """Return one line about missing blocks."""
-    length = (gap.end_ns - gap.start_ns) / NANOSECONDS
-    return f"{clock_time(gap.start_ns)}: {gap.n_blocks} blocks ({length:.1f} s) of unit {gap.unit}"
+    blocks = f"{gap.n_blocks} blocks ({gap.duration:.1f} s) of unit {gap.unit}"
+    return f"{clock_time(gap.start_ns)}: {blocks}"
 
 
 def posterior_text(posterior: FoundationPosterior) -> str:

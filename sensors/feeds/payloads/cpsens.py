@@ -53,21 +53,29 @@ _ENDINGS = ("/data", "/metadata")
 class ChannelMetadata:
     """What a channel reports of itself."""
 
-    sampling_rate: float  # [Hz]
-    dtype: str = "f4"  # of the samples, without byte order
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+    dtype: str = "f4"
+    """Of the samples, without byte order."""
     unit: str = ""
-    names: tuple[str, ...] = ()  # that a layout may know it by
-    started_ns: int | None = None  # acquisition start [ns since 1970-01-01 UTC]
+    names: tuple[str, ...] = ()
+    """That a layout may know it by."""
+    started_ns: int | None = None
+    """Acquisition start [ns since 1970-01-01 UTC]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Descriptor:
     """What stands before the samples."""
 
-    order: str  # "<" or ">"
-    length: int  # [bytes]
-    time_ns: int | None  # of the first sample; None: not given [ns since 1970-01-01 UTC]
-    first_sample: int  # since the acquisition's start
+    order: str
+    """"<" or ">"."""
+    length: int
+    """Length [bytes]."""
+    time_ns: int | None
+    """Of the first sample; None: not given [ns since 1970-01-01 UTC]."""
+    first_sample: int
+    """Since the acquisition's start."""
     columns: int
 
 

@@ -50,10 +50,14 @@ class Frame:
 
     sequence: int
     session: int
-    start_ns: int  # [ns since 1970-01-01 UTC]
-    sampling_rate: float  # [Hz]
-    samples: FloatArray  # (n_samples, n_channels)
-    names: tuple[str, ...] = ()  # none: all channels of the layout, in its order
+    start_ns: int
+    """Time of the first sample [ns since 1970-01-01 UTC]."""
+    sampling_rate: float
+    """Sampling rate [Hz]."""
+    samples: FloatArray
+    """(n_samples, n_channels)."""
+    names: tuple[str, ...] = ()
+    """None: all channels of the layout, in its order."""
     status: BlockStatus = BlockStatus.OK
 
 

@@ -40,25 +40,31 @@ class PayloadMapping:
     """Where the messages of one sender have what samples need."""
 
     time: Paths = ("time", "timestamp", "ts", "t")
-    """Paths of a row's time."""
+    """Paths of a row's time. Without this key a time named `ts` is found as well, which is not
+    read without a mapping.
+    """
     values: Paths = ("",)
-    """Paths of a row's values."""
+    """Paths of the values in a row; `""` is the row itself."""
     decode: str = "json"
     """What the bytes are: "json" or "sparkplug-b"."""
     rows: Paths = ("",)
-    """Paths of the rows in a message; a message without them is one row."""
+    """Paths of the rows in a message; `""`, or none of them there: the message is one row."""
     time_base: Paths = ()
     """Paths of a time that is added to the row's [in `time_unit`]."""
     time_unit: str = "auto"
     """Of numbers since 1970: "s", "ms", "us", "ns"; "auto": by their size, or ISO 8601."""
     earliest: float = 0.0
-    """A lower number is no time since 1970, but counts from the message's arrival [s]."""
+    """A lower number counts from the message's arrival [s], which is no time: the message is
+    refused. SenML: `earliest = 268435456.0`, below which `-5` is five seconds ago.
+    """
     stamp: str = "first"
     """Which sample of a list the time is of: "first" or "last"."""
     names: Paths = ()
-    """Paths of the channels' names, if the values have none; or the names, one a value."""
+    """Channels of an array: their names in its order, or the path of them in the message."""
     name_base: Paths = ()
-    """Paths of what stands before each name."""
+    """Paths of what stands before each name: `name_base = "device"` makes `acc` of `{"device":
+    "t1/", "acc": 0.1}` the channel `t1/acc`.
+    """
     only: str = ""
     """Regular expression of the names that are channels; "": all that have numbers."""
     value: Paths = ("value", "Value.Body", "Value", "Body", "v")
@@ -74,13 +80,17 @@ class PayloadMapping:
     sequence: Paths = ()
     """Paths of the number of the message (^…) or of the row."""
     sequence_of: Paths = ()
-    """Paths of what the numbers belong to, beside the topic."""
+    """Paths of what the numbers of `sequence` belong to, beside the topic, where several
+    senders count on one topic: `sequence_of = "^properties.loggerID"`.
+    """
     sequence_modulus: int = 0
     """The number after which they start again at 0; 0: they do not [-]."""
     carry: tuple[str, ...] = ()
-    """Keys of a row that hold for the rows behind it too."""
+    """Keys of a row that hold for the rows behind it too, as the base values of SenML: `carry
+    = ["bn", "bt"]`.
+    """
     rename: tuple[str, ...] = ()
-    """"theirs=ours" for each channel that the layout calls otherwise; a table in TOML."""
+    """Names of the message and of the layout, where they differ: `{beschl_x = "ax"}`."""
 
     def __post_init__(self) -> None:
         for key, value, known in (

@@ -3,7 +3,8 @@
 Datasets are the arrays; attributes of the file, of a group and of the dataset are its notes, the
 nearest first, and so are datasets of one value or of text; see `named_arrays`. A dataset's
 `scale_factor` (or `scale`), `add_offset` and `_FillValue` are applied as the CF conventions have
-it. Needs h5py (extra `hdf5`).
+it. MATLAB's version 7.3 is HDF5, too: it stores texts as numbers of their letters, and cells as
+references. Needs h5py (extra `hdf5`).
 """
 
 from collections.abc import Iterable
@@ -21,6 +22,8 @@ from sensors.files.table import FileError, readable, require_file
 SCALE_NOTES = ("scale_factor", "scale")
 SHIFT = ("add_offset", "offset")
 FILL = ("_FillValue", "missing_value")
+MATLAB_CLASS = "MATLAB_class"  # "char", "cell", "double"; stored axes are the reverse of MATLAB's
+MATLAB_EMPTY = "MATLAB_empty"  # instead of values its size is stored, such as 0 0
 
 
 def read_hdf5(path: Path) -> list[Sep005Channel]:
@@ -47,7 +50,12 @@ def _arrays(
             f"{path}: {place or '/'} is a table of pandas; DataFrame.to_parquet writes what is "
             "read here"
         )
-    members = {name: group.get(name) for name in group if not name.startswith("#")}
+    members = {
+        name: member
+        for name in group
+        if not name.startswith("#")
+        and not ((member := group.get(name)) is not None and member.attrs.get(MATLAB_EMPTY))
+    }
     datasets = {name: each for name, each in members.items() if isinstance(each, h5py.Dataset)}
     notes = around | _of_headers(members.values(), h5py) | dict(group.attrs)
     notes |= {name: each for name, one in datasets.items() if (each := _note(one)) is not None}
@@ -79,12 +87,28 @@ def _note(dataset: Any) -> Any:
     """Return the content of a dataset of one value or of text; None of any other."""
     if dataset.shape is None or dataset.dtype.names is not None:
         return None
+    if dataset.attrs.get(MATLAB_CLASS) in (b"char", b"cell"):
+        return _matlab_texts(dataset)
+    metadata = dataset.dtype.metadata or {}
     if dataset.dtype.kind in "OS":
-        is_text = dataset.dtype.kind == "S" or dataset.dtype.metadata
-        return dataset[()] if is_text else None
+        return dataset[()] if dataset.dtype.kind == "S" or "vlen" in metadata else None
     if dataset.dtype.kind in "iuf" and dataset.size == 1:
         return np.asarray(dataset[()]).reshape(-1)[0]
     return None
+
+
+def _matlab_texts(dataset: Any) -> NDArray[Any] | None:
+    """Return the text of a `char`, its rows, or the texts of a `cell`; None of any other cell."""
+    if dataset.attrs[MATLAB_CLASS] == b"char":
+        rows = np.atleast_2d(dataset[()]).T
+        if rows.dtype.kind not in "iu":
+            return None
+        texts = ["".join(map(chr, row)).rstrip() for row in rows.tolist()]
+        return np.array(texts[0] if len(texts) == 1 else texts)
+    inside = [dataset.file[each] for each in np.ravel(dataset[()]) if each]
+    found = [_note(each) if hasattr(each, "dtype") else None for each in inside]
+    texts = [str(each) for each in found if np.asarray(each).dtype.kind == "U"]
+    return np.array(texts) if texts and len(texts) == dataset.size else None
 
 
 def _in_units(values: NDArray[Any], notes: dict[str, Any], place: str) -> NDArray[Any]:

@@ -28,6 +28,7 @@ from sensors.files.table import (
 )
 from sensors.files.text.arrow_values import values_of
 from sensors.files.text.column_titles import is_number_title, is_time_title, time_unit
+from sensors.files.text.dates import zone_in_title
 from sensors.files.text.time_column import ClockError, TextClock, iso
 
 logger = logging.getLogger(__name__)
@@ -78,6 +79,9 @@ class SortedColumns:
     time: TimeColumn = UNSTATED
     """What is stated of the time beside the file."""
 
+    left_out: tuple[str, ...] = ()
+    """What is left out, in sentences; logged when samples were read, beside no error."""
+
     @property
     def used(self) -> tuple[int, ...]:
         """All that are read, in their order."""
@@ -87,7 +91,7 @@ class SortedColumns:
 def sort_columns(
     columns: Sequence[Column], path: Path, wanted: Wanted = EVERYTHING
 ) -> SortedColumns:
-    """Find time, channels, and what is left out, which is logged once a file.
+    """Find time, channels, and what is left out.
 
     Raises
     ------
@@ -108,15 +112,17 @@ def sort_columns(
         time = "time " if clock == tuple(left_out) else ""
         raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
     channels = tuple(channels[i] for i in wanted.among([columns[i].name for i in channels]))
-    for number in texts if not wanted.names else ():
-        log_once(
-            f"{path}: column {columns[number].name!r} holds text "
-            f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
-        )
+    sentences = [
+        f"{path}: column {columns[number].name!r} holds text "
+        f"({str(next(iter(columns[number].first), ''))!r}) and is left out"
+        for number in (texts if not wanted.names else ())
+    ]
     if times:
-        log_once(f"{path}: {_listed(columns, times)} left out; another one is the time")
+        sentences.append(f"{path}: {_listed(columns, times)} left out; another one is the time")
     used = clock if wanted.stamps else ()
-    return SortedColumns(tuple(columns), channels, used, time=wanted.time)
+    return SortedColumns(
+        tuple(columns), channels, used, time=wanted.time, left_out=tuple(sentences)
+    )
 
 
 def _stated_clock(
@@ -240,7 +246,10 @@ def convert_batches(
             times=None,
             stated_rate=columns.rate,
         )
-        yield seconds(chunk, batch)
+        timed = seconds(chunk, batch)
+        for sentence in columns.left_out:
+            log_once(sentence)
+        yield timed
 
 
 def _seconds_of(
@@ -252,7 +261,7 @@ def _seconds_of(
     titles = [columns.all[i] for i in columns.clock]
     unit = titles[0].unit or time_unit(titles[0].name)
     title = " and ".join(each.name for each in titles)
-    zone = "" if "utc" in title.lower() else columns.time.zone
+    zone = zone_in_title(f"{title} {titles[0].unit}") or columns.time.zone
     clock = TextClock(title, unit, columns.time.dates, zone)
 
     def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:

@@ -3,6 +3,8 @@
     2024-03-13T12:00:00.250Z     13.03.2024 12:00:00,250     3/13/2024 12:00:00.250 PM
     2024/03/13 12:00:00          13-Mar-2024 12:00:00.250    12:00:00.250, 00:00.25 (of no date)
 
+    13.03.2024 12:00:00,250 MEZ      12:00:00 UTC+1
+
 A time without a zone is UTC, unless a zone is stated beside the file. Whether 3/4/2024 is in March
 or in April, only a later day shows.
 
@@ -39,11 +41,22 @@ MONTHS = ("jan", "feb", "m[aä]r", "apr", "ma[yi]", "jun", "jul", "aug", "sep", 
           "de[cz]")  # fmt: skip
 HALF_DAY = 12 * 3600 * 10**9  # [ns]
 
+# Abbreviations that mean one offset from UTC alone [h], MEZ and MESZ in German; not IST, CST, BST.
+ZONES = {"UTC": 0, "GMT": 0, "WET": 0, "WEST": 1, "CET": 1, "MEZ": 1, "CEST": 2, "MESZ": 2,
+         "EET": 2, "EEST": 3}  # fmt: skip
+_NAMES = "|".join(sorted(ZONES, key=len, reverse=True))
+
 _YEAR_FIRST = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}"
 _YEAR_LAST = r"\d{1,2}(?:\. |[-/. ])(?:\d{1,2}|[^\W\d]{3,9}\.?)[-/. ](?:\d{4}|\d{2})"
 _DATE = rf"(?:{_YEAR_FIRST}|{_YEAR_LAST})"
 _TIME = r"\d{1,2}:\d{1,2}(?::\d{1,2}(?:[.,:]\d+)?|[.,]\d+)?"
-_ENDING = r"(?:\s*(?:[AaPp][Mm]|UTC|GMT|Z|[+-]\d{2}:?\d{2}))?"
+_ZONE = rf"(?:(?:UTC|GMT)[+-]\d{{1,2}}(?::?\d{{2}})?|{_NAMES}|Z|[+-]\d{{2}}:?\d{{2}})"
+_ENDING = rf"(?:\s*(?:[AaPp][Mm]|{_ZONE}))?"
+_OFFSET = re.compile(
+    r"(?:UTC|GMT)\s?(?P<sign>[+-])\s?(?P<hours>1[0-4]|0?\d)(?::?(?P<minutes>\d{2}))?(?!\d)",
+    re.IGNORECASE,
+)
+_ABBREVIATION = re.compile(rf"(?<![A-Za-z])(?:{_NAMES})(?![A-Za-z])")
 _KINDS: dict[DateKind, re.Pattern[str]] = {
     "moment": re.compile(rf"{_DATE}[T _,;]+{_TIME}{_ENDING}"),
     "date": re.compile(_DATE),
@@ -69,6 +82,20 @@ def zone_offset_ns(local_ns: int, zone: str) -> int:
     local = datetime.fromtimestamp(local_ns // NANOSECONDS, UTC).replace(tzinfo=zone_named(zone))
     ahead = local.utcoffset()
     return 0 if ahead is None else round(ahead.total_seconds()) * NANOSECONDS
+
+
+def zone_in_title(title: str) -> str | None:
+    """Return the zone that a time column's title states, as `zone_named` takes it; None: none.
+
+    "Zeit (MESZ)" and "Time UTC+2" give "UTC+02:00", "t_utc" gives "UTC+00:00".
+    """
+    offset = _OFFSET.search(title)
+    if offset is not None:
+        return f"UTC{offset['sign']}{int(offset['hours']):02d}:{offset['minutes'] or '00'}"
+    name = _ABBREVIATION.search(title)
+    if name is not None:
+        return f"UTC+{ZONES[name[0]]:02d}:00"
+    return "UTC+00:00" if "utc" in title.lower() else None
 
 
 def kind_of_text(text: str) -> DateKind | None:
@@ -103,7 +130,7 @@ class DateStyle:
             If the order of day and month cannot be found.
         """
         first = examples[0].strip()
-        zoned = re.search(r":\d.*(UTC|GMT|Z|[+-]\d{2}:?\d{2})$", first) is not None
+        zoned = re.search(rf":\d.*{_ZONE}$", first) is not None
         if kind_of_text(first) == "time of day":
             return cls("ymd", False, zoned)
         if re.match(r"\d{4}", first):
@@ -170,7 +197,10 @@ _TIMES = [
     (r":(\d)([.,]|$)", r":0\1\2"),
     (r"(:\d\d:\d\d)[,:](\d+)", r"\1.\2"),  # a decimal comma, or a colon before milliseconds
     (r"(\.\d{9})\d+", r"\1"),
-    (r"\s*(UTC|GMT)$", "Z"),
+    (r"\s*(UTC|GMT)([+-]\d)", r" \2"),  # UTC+2, GMT+02:00: the offset alone
+    (r" ([+-])(\d)(:?\d\d)?$", r" \1" + r"0\2\3"),
+    (r" ([+-]\d\d)$", r" \1:00"),
+    *((rf"\s*{name}$", f"+{hours:02d}:00" if hours else "Z") for name, hours in ZONES.items()),
     (r"\s+([+-]\d{2}:?\d{2})$", r"\1"),
 ]
 

@@ -9,7 +9,13 @@ import pyarrow as pa
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.table import UNSTATED, TimeColumn, zone_named
 from sensors.files.text.columns import log_once
-from sensors.files.text.dates import DateError, DateStyle, kind_of_text, zone_offset_ns
+from sensors.files.text.dates import (
+    DateError,
+    DateStyle,
+    kind_of_text,
+    zone_in_title,
+    zone_offset_ns,
+)
 from sensors.files.text.time_column import SECONDS_PER_UNIT
 
 _GAP = r"[^\d\n+-]{0,24}?"
@@ -38,6 +44,7 @@ _OTHER_START = re.compile(
     r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?(?: ?[AP]M)?)",
     re.IGNORECASE,
 )
+_ZONE_BEHIND = re.compile(r" ?\(?[A-Z]{3,4}(?![A-Za-z])(?:[+-]\d{1,2}(?::?\d{2})?)?")
 
 _IN_NAME = re.compile(
     r"(?<!\d)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_T .]?(\d\d)[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?(Z?)"
@@ -111,9 +118,15 @@ def stated_start_ns(lines: Sequence[str], time: TimeColumn = UNSTATED) -> int:
         moment = datetime.fromisoformat(found["moment"] + (found["zone"] or ""))
     except ValueError:
         return 0
-    aware = moment if moment.tzinfo else moment.replace(tzinfo=zone_named(time.zone))
+    aware = moment if moment.tzinfo else moment.replace(tzinfo=zone_named(_zone(found, time)))
     part = (found["part"] or ".")[1:]
     return round(aware.timestamp()) * NANOSECONDS + int(f"{part:0<9}"[:9])
+
+
+def _zone(moment: re.Match[str], time: TimeColumn) -> str:
+    """Return the zone behind a moment, "10:00:00 MESZ"; the one stated beside the file else."""
+    behind = _ZONE_BEHIND.match(moment.string, moment.end())
+    return (zone_in_title(behind[0]) if behind else None) or time.zone
 
 
 def _other_start_ns(lines: Sequence[str], time: TimeColumn) -> int:
@@ -124,7 +137,7 @@ def _other_start_ns(lines: Sequence[str], time: TimeColumn) -> int:
     text = found["moment"]
     try:
         local = int(DateStyle.of([text], time.dates).nanoseconds(pa.array([text]))[0])
-        return local - zone_offset_ns(local, time.zone)
+        return local - zone_offset_ns(local, _zone(found, time))
     except DateError as error:
         log_once(f"the start of the measurement is left out; {error}")
     except pa.ArrowInvalid:

@@ -63,6 +63,9 @@ MISTAKES: tuple[tuple[str, str], ...] = (
         "new noise.csv -o made --layout layout.toml --structure low.toml",
         "channel high: elevation 40 m is not on the tower",
     ),
+    ("new own.toml -o made", "own.toml holds settings: a layout, a scenario or a description"),
+    ("new short.mcap -o made", "short.mcap holds a recording"),
+    ("new deck.dat -o made", "deck.dat: line 7 has 9 columns where 6 are expected"),
     ("new noise.csv -o noise.csv", "-o noise.csv is a file; a folder is needed"),
     ("new noise.csv -o made --dates american", "'american' is not one of"),
     ("new noise.csv noise.csv -o made", "noise.csv is named twice"),
@@ -236,6 +239,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("run --source replay:short.mcap --loop 0", "--loop 0 plays nothing"),
     ("run --source replay:short.mcap --scenario layout.toml", "unknown key 'channels'"),
     ("run --source replay:short.mcap --speed nan", "--speed nan"),
+    ("run --source replay:short.mcap --scenario hop.toml", "hop.toml [oma]: hop is 900 s"),
     ("run --source replay:short.mcap --out /proc/x", "--out /proc/x: No such file or directory"),
     ("run --source replay:zero.mcap", "zero.mcap is not a recording"),
     ("run --source header.csv", "header.csv: 0 sample(s) below the header"),
@@ -304,6 +308,15 @@ elevation = 40.0
 direction = [1, 0, 0]
 """
 
+DECK = """------- ELASTODYN v1.03.* INPUT FILE -----
+NREL 5.0 MW Baseline
+---------------------- SIMULATION CONTROL ----
+False         Echo        - Echo input data (flag)
+          3   Method      - Integration method (-)
+"DEFAULT"     DT          Integration time step (s)
+True          FlapDOF1    - First flapwise blade mode DOF (flag)
+"""
+
 SPRINGS = """
 [foundation]
 k11 = 0.098e11
@@ -353,6 +366,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
     (place / "zero.csv").write_text("")
     (place / "tower.dat").write_text("This is a text.")
     (place / "zero.mcap").write_bytes(b"")
+    (place / "deck.dat").write_text(DECK)
+    (place / "hop.toml").write_text("[oma]\nwindow_duration = 600\nhop = 900\n")
     (place / "header.csv").write_text("time [s],low,high\n")
     (place / "one.csv").write_text("time [s],low,high\n0,1,2\n")
     (place / "letters.csv").write_text("name,place\n" + "a,b\n" * 50)

@@ -206,8 +206,10 @@ def test_a_live_session_of_years_keeps_the_latest_and_counts_all(monkeypatch) ->
     for window in range(10):
         summary.handle(estimate(window, mode("m1", 1.0, 0.1)))
         summary.handle(gap(2 * window, 2 * window + 1))
+    summary.handle(replace(status("identification"), busy_s=5.0))
     assert [each.window for each in summary.main.estimates] == [7, 8, 9]
     figures = summary.as_json(wall=1.0)
+    assert figures["timing"]["identify_s_per_window"] == 0.5
     assert figures["windows"]["identified"] == 10
     assert (figures["stream"]["gaps"], figures["stream"]["gap_s"]) == (10, 10.0)
 

@@ -13,7 +13,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.operating_state import CHANGING, OperationSettings
-from pipeline.nodes.updating import TurbineUpdating, UpdatingNode
+from pipeline.nodes.updating import MOST_DIFFERENT, TurbineUpdating, UpdatingNode
 from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import ImportanceSettings
@@ -200,6 +200,17 @@ def test_a_live_layout_that_differs_from_the_scenarios_is_warned_of():
     assert first.name in warning.text
     node.handle(LAYOUT)
     assert not node.statistics.warnings
+
+
+def test_layouts_of_units_that_are_made_up_leave_bounded_warnings():
+    node = TurbineUpdating(FoundationUpdater(LinearTower(), LAYOUT, SETTINGS, seed=1), LAYOUT)
+    first, *others = LAYOUT.channels
+    moved = (replace(first, elevation=first.elevation + 3.0), *others)
+    for number in range(100):
+        node.handle(replace(LAYOUT, unit=f"forged {number}", channels=moved))
+    texts = [each.text for each in node.statistics.warnings]
+    assert len(texts) == MOST_DIFFERENT
+    assert texts[-1].startswith("unit forged 99 ")
 
 
 def test_each_turbine_has_an_updating_of_its_own():

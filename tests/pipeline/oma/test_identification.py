@@ -103,3 +103,21 @@ def test_a_neighbours_skirt_holds_no_mode(n_channels: int) -> None:
 def test_white_noise_holds_no_mode(n_channels: int) -> None:
     y = np.random.default_rng(17).standard_normal((12_000, n_channels))
     assert identify(y, 40.0).modes == ()
+
+
+def test_a_wandering_tone_in_two_directions_is_no_pair_of_modes(
+    cantilever: KnownStructure,
+) -> None:
+    """No pole shows it: an idling rotor's blades pass the tower at 2 rpm, give or take 1 %."""
+    rate, duration = 10.0, 1800.0
+    sway = cantilever.ambient_response(sampling_rate=rate, duration=duration, seed=5)
+    across = cantilever.ambient_response(sampling_rate=rate, duration=duration, seed=6)
+    times = np.arange(len(sway)) / rate
+    phase = 2 * np.pi * np.cumsum(0.1 * (1 + 0.01 * np.sin(2 * np.pi * times / 300))) / rate
+    top = cantilever.shapes[0]
+    y = np.column_stack(
+        [sway + 0.3 * np.outer(np.cos(phase), top), across + 0.2 * np.outer(np.sin(phase), top)]
+    )
+    result = identify(y[:, [4, 9, 2, 7]], rate)
+    assert min(mode.frequency for mode in result.modes) > 0.3
+    assert "harmonic" in [warning.code for warning in result.warnings]

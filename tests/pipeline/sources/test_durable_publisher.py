@@ -1,6 +1,7 @@
 """Delivery from a unit's disk to the shore's: cuts, restarts and power cuts on either side."""
 
 import os
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from unittest.mock import patch
@@ -13,7 +14,7 @@ from pipeline.recording.latest_messages import readable_messages
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX
-from pipeline.sources.publisher import SENT_AGAIN_AFTER, DurablePublisher
+from pipeline.sources.publisher import SENT_AGAIN_AFTER, TENDED_EVERY, DurablePublisher
 from pipeline.sources.spool import Spool
 from pipeline.streams import key_of
 from pipeline.transport.bus import Delivery, Inbox
@@ -157,6 +158,51 @@ def test_a_block_over_a_link_that_holds_is_sent_once(tmp_path: Path) -> None:
     trial.run(60.0)
     assert trial.publisher.sent_again == 0
     assert len(trial.publisher._spool) <= 8
+
+
+def test_a_block_a_second_is_synced_as_it_is_published(tmp_path: Path) -> None:
+    """No other thread has to wake for it."""
+    trial = Trial(tmp_path)
+    trial.link.is_up = False
+    with power_cut(tmp_path) as disk:
+        for number in range(1, 6):
+            trial.now = float(number)
+            trial.publisher.publish(block_of(number))
+        trial._let_go_of_spool()
+        disk.cut()
+    assert [each.sequence for each in Spool(tmp_path / "unit" / "spool").waiting()] == [
+        *range(1, 6)
+    ]
+
+
+def test_blocks_that_follow_fast_are_synced_within_a_second(tmp_path: Path) -> None:
+    """Nothing is published after them."""
+    synced = threading.Event()
+
+    def sync(descriptor: int) -> None:
+        if os.readlink(f"/proc/self/fd/{descriptor}").endswith(".blocks"):
+            synced.set()
+
+    spool = Spool(tmp_path / "spool")
+    with patch("os.fsync", sync), DurablePublisher(Link(), spool) as publisher:  # type: ignore[arg-type]
+        for number in range(2):
+            synced.clear()
+            publisher.publish(block_of(number))
+        assert synced.wait(TENDED_EVERY - 1.0)
+
+
+def test_a_disk_that_takes_no_more_is_a_warning_until_it_does(tmp_path: Path) -> None:
+    trial = Trial(tmp_path)
+    spool = trial.publisher._spool
+    for number in (1, 2):
+        trial.now = float(number)
+        with patch.object(spool, "append", side_effect=OSError(28, "No space left on device")):
+            trial.publisher.publish(block_of(number))
+        (warning,) = trial.publisher.warnings
+        assert warning.text.endswith("takes no more: No space left on device")
+    trial.now = 3.0
+    trial.publisher.publish(block_of(3))
+    assert not trial.publisher.warnings
 
 
 def test_after_a_cut_everything_is_sent_again(tmp_path: Path) -> None:

@@ -40,6 +40,15 @@ def test_a_recording_that_a_killed_run_left_open_is_named_with_the_way_on(tmp_pa
         recordings_in(tmp_path)
 
 
+def test_of_the_folder_that_new_made_the_recordings_below_it_are_named(tmp_path: Path):
+    for name in ("recordings/mast.mcap", "out/session.mcap"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_bytes(b"")
+    named = rf"recordings are in {tmp_path}/out and {tmp_path}/recordings$"
+    with pytest.raises(SourceError, match=named):
+        recordings_in(tmp_path)
+
+
 def test_a_range_holds_its_blocks_and_counts_them_from_its_beginning(short_recording: Path):
     whole = replayed(short_recording)
     part = whole.with_playback(Playback(30.0, 90.0))

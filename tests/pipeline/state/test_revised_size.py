@@ -7,6 +7,7 @@ import pytest
 from pipeline.messages import RelativeStiffness
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.state.turbine_state import TurbineState
+from pipeline.viewer.pictures.status_text import SessionStatus
 from tests.pipeline.example_messages import block
 from tests.pipeline.report.example_session import WINDOW_NS, event, posterior
 
@@ -43,6 +44,17 @@ def test_the_latest_posterior_before_the_next_event_gives_the_size():
     assert first.n_posteriors == 2
     assert last.springs[0].median == 0.5
     assert "k22 -10.0% (-12.0% to -8.0%)" in first.text
+
+
+def test_of_a_live_run_that_keeps_few_posteriors_all_are_counted():
+    messages = [posterior_after(EVENT, -1, 1.0), EVENT]
+    messages += [posterior_after(EVENT, windows, 0.9) for windows in range(7)]
+    status = SessionStatus(EVENT.turbine)
+    for message in messages:
+        status.take(message)
+    assert len(status.state.posteriors) < 7
+    assert status.state.revised_size(EVENT) == folded(messages).revised_size(EVENT)
+    assert "(posteriors: 7)" in status.markdown()
 
 
 def test_without_a_posterior_since_there_is_none():

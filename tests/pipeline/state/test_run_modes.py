@@ -98,6 +98,26 @@ def test_of_a_rough_model_the_farther_mode_is_found_by_its_shape_too() -> None:
     assert [each.pair.mac for each in combined if each.pair] == pytest.approx([1 / 1.0009] * 2)
 
 
+def test_a_mode_that_some_windows_separate_keeps_the_pair_of_its_own() -> None:
+    """It had the misfit of the pair, and the other one often the same name."""
+    side = replace(mode("m1", 0.157, 0.001, pair_id="p"), shape=np.array([0.9, 1.0]))
+    fore = replace(mode("m2", 0.158, 0.001), shape=np.array([1.0, -0.1]))
+    merged = ModePair("m1+m2", "1", 0.1575, 0.001, 0.1573, 1.0, shape_used=False, misfit=-0.3)
+    own = ModePair("m2", "2", 0.158, 0.001, 0.1586, 0.99, shape_used=True, misfit=9.5)
+    for pairs in ((merged, own), (own, merged)):
+        combined = CombinedTracks([estimate(0, side, fore)]).modes(posterior(*pairs))
+        assert [each.name for each in combined] == ["1", "2"]
+        assert [each.pair.misfit for each in combined if each.pair] == [-0.3, 9.5]
+
+
+def test_two_modes_of_one_pair_are_two_modes_of_the_model() -> None:
+    first = replace(mode("m1", 0.157, 0.001, pair_id="p"), shape=np.array([1.0, 0.4]))
+    other = replace(mode("m2", 0.158, 0.001, pair_id="p"), shape=np.array([1.0, -0.1]))
+    pair = ModePair("m1+m2", "2", 0.1575, 0.001, 0.1586, 1.0, shape_used=False)
+    combined = CombinedTracks([estimate(0, first, other)]).modes(posterior(pair))
+    assert [each.name for each in combined] == ["1", "2"]
+
+
 def test_an_unknown_std_is_null_and_not_nan() -> None:
     (combined,) = CombinedTracks([estimate(0, mode("m1", 1.0, float("nan")))]).modes()
     assert combined.as_json()["frequency_std_hz"] is None

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline.messages import QualityWarning, WindowRejected, same_window
+from pipeline.messages import FoundationTruth, QualityWarning, WindowRejected, same_window
 from pipeline.monitoring.status import status_figures
 from pipeline.monitoring.summary import run_figures, turbine_figures
 from pipeline.state.run_state import RunState
@@ -67,6 +67,16 @@ def test_what_is_let_go_stays_counted() -> None:
     assert state.gone["windows"] == 3
     assert state.received["ModalEstimate"] == 5
     assert list(state.statuses) == ["recorder"]
+
+
+def test_a_live_run_keeps_few_truths_and_the_latest_received_last() -> None:
+    run = RunState(kept=2)
+    for time_ns in (3, 1, 4, 2, 1):
+        run.fold(FoundationTruth("t1", time_ns, 1.0, 1.0, 0.1 * time_ns))
+    state = run.turbine("t1")
+    assert list(state.truths) == [2, 1]
+    assert state.truth is not None
+    assert state.truth.time_ns == 1
 
 
 def test_modes_and_warnings_of_a_live_run_are_of_all_windows_although_few_are_kept() -> None:

@@ -47,8 +47,9 @@ def as_date(form: str) -> Callable[[int], str]:
     return lambda i: MOMENTS[i].strftime(form)
 
 
-def german(i: int) -> str:
-    return MOMENTS[i].strftime("%d.%m.%Y %H:%M:%S,") + f"{MOMENTS[i].microsecond // 1000:03d}"
+def german(i: int, hour: int = 12) -> str:
+    moment = MOMENTS[i].replace(hour=hour)
+    return moment.strftime("%d.%m.%Y %H:%M:%S,") + f"{moment.microsecond // 1000:03d}"
 
 
 def written(path: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -89,6 +90,14 @@ ABSOLUTE = {
     "ISO with a zone": "UTC," + SI.format(",") + rows(as_date("%Y-%m-%dT%H:%M:%S.%fZ")),
     "ISO with another zone": "Time," + SI.format(",")
     + rows(lambda i: MOMENTS[i].strftime("%Y-%m-%d 13:%M:%S.%f+01:00")),
+    "a zone by its name": "Zeit;" + SI.format(";")
+    + rows(lambda i: german(i, 13) + " MEZ", ";", ","),
+    "an offset with its name": "Zeit;" + SI.format(";")
+    + rows(lambda i: german(i, 14) + " UTC+2", ";", ","),
+    "a zone in the title": "Zeit (MESZ);" + SI.format(";")
+    + rows(lambda i: german(i, 14), ";", ","),
+    "an offset in the title": "Zeit (UTC+1);" + SI.format(";")
+    + rows(lambda i: german(i, 13), ";", ","),
     "strokes between year and month": "Time," + SI.format(",")
     + rows(as_date("%Y/%m/%d %H:%M:%S.%f")),
     "milliseconds since 1970": "timestamp," + SI.format(",")

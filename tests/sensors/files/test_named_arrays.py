@@ -321,3 +321,47 @@ def test_a_universal_file_without_time_responses_is_one_line(tmp_path: Path) -> 
 def test_names_of_channels_are_read_from_the_notes_of_a_file() -> None:
     assert _find_names({"Channel Names": np.array(["a", "b"])}).tolist() == ["a", "b"]
     assert _find_names({"comment": "x"}).size == 0
+
+
+def matlab_73(path: Path, group: dict[str, Any]) -> Path:
+    """A file as MATLAB's `save -v7.3` writes a structure `rec`: axes reversed, texts as letters."""
+
+    def put(place: h5py.Group, name: str, value: Any) -> h5py.Dataset:
+        if isinstance(value, list):
+            inside = [put(letters, f"{name}{i}", each).ref for i, each in enumerate(value)]
+            stored, kind = np.array([inside], dtype=h5py.ref_dtype), "cell"
+        elif isinstance(value, str):
+            stored, kind = np.array([[ord(each)] for each in value], dtype=np.uint16), "char"
+        else:
+            stored, kind = np.atleast_2d(value).T, "double"
+        empty = stored.size == 0
+        made = place.create_dataset(name, data=np.zeros(2, np.uint64) if empty else stored)
+        made.attrs["MATLAB_class"] = np.bytes_(kind)
+        if empty:
+            made.attrs["MATLAB_empty"] = np.uint8(1)
+        return made
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        letters = file.create_group("#refs#")
+        rec = file.create_group("rec")
+        rec.attrs["MATLAB_class"] = np.bytes_("struct")
+        for name, value in group.items():
+            put(rec, name, value)
+    return path
+
+
+def test_texts_and_cells_of_matlab_73_are_read(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    names, stated = ["top_97m_FA", "höhe_40m_SS"], {"fs": RATE, "start": "2024-03-13 12:00:00.250"}
+    group = {"data": SAMPLES, "channels": names, "unit": "g", "comment": np.zeros((0, 0)), **stated}
+    table = read_file(matlab_73(tmp_path / "a.mat", group))
+    assert table.names == tuple(names)
+    assert table.units == ("m/s²", "m/s²")
+    assert (table.sampling_rate, table.start_ns) == (RATE, START_NS)
+    np.testing.assert_allclose(table.samples, 9.80665 * SAMPLES)
+    each = read_file(matlab_73(tmp_path / "b.mat", group | {"unit": ["g", "mm/s2"]}))
+    np.testing.assert_allclose(each.samples, SAMPLES * [9.80665, 1e-3])
+    assert not caplog.records
+    group["channels"] = ["top", np.array([2.0])]
+    assert read_file(matlab_73(tmp_path / "c.mat", group)).names == ("data1", "data2")

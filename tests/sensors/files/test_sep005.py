@@ -174,6 +174,9 @@ def test_what_cannot_stand_side_by_side_is_refused(channels: list[Any], reason: 
         (" 01-Mar-2024 12:00:00 ", 0),
         ("01-Dec-2024 12:00:00.5", 275 * 86_400 * 10**9 + 500_000_000),
         (datetime(2024, 3, 1, 12), 0),
+        ("2024-03-01 12:00:00.5 UTC", 500_000_000),
+        ("01-Mar-2024 13:00:00 CET", 0),
+        ("2024-03-01T14:00:00 UTC+2", 0),
     ],
 )
 def test_a_start_is_utc_to_the_nanosecond_unless_it_states_a_zone(

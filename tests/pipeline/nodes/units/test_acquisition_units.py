@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.messages import QualityWarning
 from pipeline.nodes.units.acquisition_units import (
     AcquisitionUnit,
+    AcquisitionUnits,
     UnitBlock,
     UnitSession,
     read_back,
@@ -84,3 +86,18 @@ def test_windows_that_overlap_need_samples_from_one_hop_a_window_on(answered: in
     session = UnitSession(begun, {"l": layout}, WindowContext(settings, lambda *_: None))
     session.resume({"window": answered, "origin": 7}, {"tower": Beginning(0, 0)})
     assert session.needed() == {"tower": 7 + answered * 20 * RATE}
+
+
+def test_a_refusal_names_unit_and_turbine_whatever_they_are_called() -> None:
+    units = AcquisitionUnits(SETTINGS, most=2)
+    assert units.last_refusal("t1") == ""
+    units.named("mast: top").admission.refuse(QualityWarning("code", "too fast: 9 kHz"))
+    assert units.last_refusal("t1") == "unit mast: top of t1: too fast: 9 kHz"
+
+
+def test_refused_blocks_of_a_unit_that_is_let_go_stay_counted() -> None:
+    units = AcquisitionUnits(SETTINGS, most=1)
+    for name in ("a", "b", "b"):
+        units.named(name).admission.refuse(QualityWarning("code", "text"))
+    assert units.refused == {"code": 3}
+    assert units.gone == 1

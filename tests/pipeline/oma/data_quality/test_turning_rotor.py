@@ -62,6 +62,18 @@ def test_one_line_alone_is_no_rotor() -> None:
     assert rotor_of(quiet + np.outer(line, ACROSS)) is None
 
 
+def test_a_hum_of_any_frequency_is_seldom_a_rotor() -> None:
+    """Another order has as much as chance gives one of the six pairs of orders that are tried."""
+    rotors = 0
+    for seed in range(72_000, 72_024):
+        quiet = parked(seed)
+        frequency = np.random.default_rng(seed).uniform(0.3, 3.0)
+        hum = np.cos(2 * np.pi * frequency * np.arange(len(quiet)) / RATE)
+        found = rotor_of(quiet + 0.1 * quiet.std(axis=0).max() * np.outer(hum, ACROSS))
+        rotors += found is not None
+    assert rotors <= 3
+
+
 def test_a_rotor_that_idles_is_as_a_parked_one() -> None:
     for wander in (0.0, 0.02):
         assert rotor_of(with_rotor(70_331, 0.3, wander=wander, mean=0.7)) is None
@@ -92,3 +104,17 @@ def test_a_window_whose_speed_is_known_is_not_warned_of() -> None:
     assert not [each for each in known.warnings if each.code == "turning-rotor"]
     standing = identify(samples, RATE, rotor_speed=np.zeros(len(samples)))
     assert [each for each in standing.warnings if each.code == "turning-rotor"]
+
+
+@pytest.mark.parametrize("stops", [True, False])
+def test_a_rotor_that_stops_or_starts_within_the_window_turns(stops: bool) -> None:
+    """For two fifths of the window, at one speed: no harmonic is steady in the whole."""
+    for seed in (70_331, 70_332, 70_333):
+        quiet = parked(seed)
+        times = np.arange(len(quiet)) / DURATION / RATE
+        speed = SPEED * np.interp(times, [0.4, 0.45], [1.0, 0.0])
+        blades = harmonics(speed, ((3, 1.0), (6, 0.3), (1, 0.2))) * (speed / SPEED) ** 2
+        blades = blades if stops else blades[::-1]
+        found = rotor_of(quiet + 0.4 * quiet.std(axis=0).max() * np.outer(blades, ACROSS))
+        assert found is not None
+        assert found.speed == pytest.approx(SPEED, rel=0.03)

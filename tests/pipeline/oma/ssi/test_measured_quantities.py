@@ -113,3 +113,16 @@ def test_a_file_without_units_says_what_its_phases_told(tmp_path: Path) -> None:
         "middle lags the "
     ]
     assert len(found.estimates[0].modes) == 2
+
+
+@pytest.mark.parametrize("second", ["acceleration", "velocity"])
+def test_a_velocity_that_the_file_calls_an_acceleration_is_told_of(
+    tmp_path: Path, second: Quantity
+) -> None:
+    samples = response(("acceleration", second, "acceleration"))
+    file = tmp_path / "declared.csv"
+    header = "top [m/s2],middle [m/s2],foot [m/s2]"
+    np.savetxt(file, samples, delimiter=",", header=header, comments="")
+    found = identify_file(file, sampling_rate=RATE)
+    told = [w.text[:14] for w in found.warnings if w.code == "quantities-doubtful"]
+    assert told == (["middle differs"] if second == "velocity" else [])

@@ -151,3 +151,16 @@ def test_a_vague_mode_is_fitted_alone_only_where_no_other_one_is_near(side: int)
     assert _worth_a_fit(vague, [far], spectrum)
     assert not _worth_a_fit(vague, [far, near], spectrum)
     assert not _worth_a_fit(pole(TRUE_F, std=1e-4), [], spectrum)
+
+
+def test_bands_that_no_fit_describes_leave_a_distant_mode_to_its_lines() -> None:
+    """As a bending pair in a sea and blades' modes under one peak do to the rest of a window."""
+    across = np.array([-0.3, 1.0, 0.7])
+    spectrum = lines([TRUE_F, 1.04, 3.0], [SHAPE, SHAPE, across], seed=6)
+    wrong = np.array([0.2, -0.5, 1.0])
+    merged = [pole(f, std=0.06, shape=wrong) for f in (TRUE_F, 1.04)]
+    distant = pole(3.0, std=0.03, shape=across)
+    result = sharpened([*merged, distant], [], [], spectrum, OmaSettings())
+    assert result.too_dense.holds(TRUE_F)
+    assert not result.too_dense.holds(3.0)
+    assert result.modes[-1].frequency_std < 0.3 * distant.frequency_std

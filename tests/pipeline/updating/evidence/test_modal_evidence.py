@@ -275,6 +275,47 @@ def test_what_a_later_window_sees_beside_the_missed_mode_was_no_jump():
     assert kept[0] == evidence.modes[0].track
 
 
+def test_a_missed_mode_that_returns_had_not_jumped():
+    """Two modes that are seen by turns, never both, are two."""
+    evidence = combined(windows(6, seed=19))
+    missed, again, other = windows(3, seed=20)
+    neighbour = replace(missed.modes[0], frequency=missed.modes[0].frequency * 1.02)
+    mistaken = evidence.with_estimate(replace(missed, modes=(neighbour, *missed.modes[1:])))
+    assert len({mode.track for mode in mistaken.modes}) == len(LABELS)
+    after = mistaken.with_estimate(again)
+    assert len({mode.track for mode in after.modes}) == len(after.modes) == len(LABELS) + 1
+    assert [m.track for m in after.modes if m.n_windows > 1] == [m.track for m in evidence.modes]
+    later = after.with_estimate(replace(other, modes=(neighbour, *other.modes[1:])))
+    assert len({mode.track for mode in later.modes}) == len(LABELS) + 1
+
+
+def test_a_neighbour_missed_since_an_event_is_not_taken_for_the_mode_beside_it():
+    """Less than one per cent apart, of like shape, seen by turns after the evidence began again."""
+    all_seen = windows(6, seed=19)
+    beside = [replace(w.modes[0], frequency=w.modes[0].frequency * 1.008) for w in all_seen]
+    both = [replace(w, modes=(*w.modes, b)) for w, b in zip(all_seen, beside, strict=True)]
+    before = combined(both)
+    neighbour = before.modes[1]
+    assert neighbour.frequency == pytest.approx(1.008 * before.modes[0].frequency, rel=2e-3)
+    since = combined(all_seen[-1:]).continuing(combined([*both[:-1], all_seen[-1]]))
+    assert [mode.track for mode in since.former] == [neighbour.track]
+    later = since.with_estimate(replace(all_seen[0], modes=(beside[0], *all_seen[0].modes[1:])))
+    assert later.former == ()
+    assert len(later.modes) == len(LABELS) + 1
+    (found,) = (mode for mode in later.modes if mode.track == neighbour.track)
+    assert found.frequency == pytest.approx(beside[0].frequency)
+    assert found.n_windows == 1
+
+
+def test_a_mode_that_has_jumped_stays_on_its_track():
+    evidence = combined(windows(6, seed=15))
+    for estimate in windows(4, seed=16):
+        moved = tuple(replace(mode, frequency=mode.frequency * 0.97) for mode in estimate.modes)
+        evidence = evidence.with_estimate(replace(estimate, modes=moved))
+    assert len(evidence.modes) == 2 * len(LABELS)
+    assert len({mode.track for mode in evidence.modes}) == len(LABELS)
+
+
 def test_a_mode_that_most_windows_miss_does_not_jump():
     """Another one of like shape, seen beside its absence, is another one."""
     rare, *others = windows(6, seed=21)
