@@ -11,6 +11,7 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.lone_modes import (
     ALONE_LINES,
     ALONE_WIDTHS,
+    DenseBands,
     _worth_a_fit,
     borne_out,
     by_its_lines,
@@ -164,3 +165,11 @@ def test_bands_that_no_fit_describes_leave_a_distant_mode_to_its_lines() -> None
     assert result.too_dense.holds(TRUE_F)
     assert not result.too_dense.holds(3.0)
     assert result.modes[-1].frequency_std < 0.3 * distant.frequency_std
+
+
+def test_two_dense_bands_leave_the_rest_to_its_lines_and_a_third_says_that_all_is_dense() -> None:
+    one = DenseBands().with_band((0.1, 0.2))
+    two = one.with_band((1.0, 1.3))
+    assert [one.holds(f) for f in (0.15, 1.1, 5.0)] == [False, False, False]
+    assert [two.holds(f) for f in (0.15, 1.1, 5.0)] == [True, True, False]
+    assert two.with_band((2.0, 2.2)).holds(5.0)
