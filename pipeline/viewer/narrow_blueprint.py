@@ -113,7 +113,7 @@ def _modes(root: str, parameters: ViewParameters) -> rrb.Tabs:
     shapes = (
         "Model line, identified dots (–: none); f [Hz], MAC"
         if parameters.has_structure
-        else "Shapes at the sensors, as identified; f [Hz]"
+        else "Shapes at the sensors, last window (–: none); f [Hz]"
     )
     frequencies = "f [Hz]: blue fore-aft, purple side-side"
     frequencies += ", orange model" * parameters.has_structure

@@ -156,7 +156,7 @@ def shapes_view(
         contents=[f"{shape_path(root, label)}/**" for label in labels],
         name="Mode shapes: model line, identified dots (≈: mean of two, –: none); f [Hz], MAC"
         if parameters.has_structure
-        else "Mode shapes at the sensors, as identified; direction, f [Hz]",
+        else "Mode shapes at the sensors, last window (–: none); direction, f [Hz]",
         line_grid=False,
         background=GROUND,
         eye_controls=rrb.EyeControls3D(
