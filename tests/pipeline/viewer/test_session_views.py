@@ -88,6 +88,14 @@ def test_every_shape_of_a_narrow_screen_is_in_one_row():
     assert [path for row in rows for path in row] == [f"/t1/shapes/{m}/**" for m in "abcdefghijk"]
 
 
+@pytest.mark.parametrize("narrow", [False, True])
+def test_every_track_of_a_mode_says_what_its_band_is(narrow: bool):
+    """A grid's own title shows where it lies in tabs alone."""
+    root = session_views(MODES_ONLY).blueprint(narrow=narrow).root_container
+    tracks = [view for view in views(root) if str(view.origin).startswith("/t1/modes/")]
+    assert [view.name for view in tracks] == [f"Mode {m} ± 2 std [Hz]" for m in "abcdefghijk"]
+
+
 def boxes(recorded: Recorded, view: Any) -> dict[str, np.ndarray]:
     """Left, top, right, bottom of each text of a picture on a narrow screen [pixels]."""
     (bounds,) = view.properties["VisualBounds2D"].range.as_arrow_array().to_pylist()
