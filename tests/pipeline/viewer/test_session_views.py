@@ -81,6 +81,19 @@ def test_a_session_opens_with_its_first_tabs_and_every_part_of_a_row_has_its_sha
             assert shares is None or len(shares) == len(each.contents)
 
 
+def test_on_a_desk_the_status_has_room_for_a_warning():
+    """Heights measured on a picture of a farm's turbine, 1600 by 1000 pixels."""
+    root = session_views(PARAMETERS, replace(MODES_ONLY, turbine="t2")).blueprint().root_container
+    (column,) = [
+        one
+        for one in containers(root)
+        if isinstance(one, rrb.Vertical) and "/t1/status" in [view.origin for view in views(one)]
+    ]
+    assert column.row_shares is not None
+    shown = column.row_shares[1] / sum(column.row_shares) * 877  # of the column [pixels]
+    assert shown >= 434  # title, sentence, table, fit, heading and three lines [pixels]
+
+
 def test_every_shape_of_a_narrow_screen_is_in_one_row():
     root = session_views(PARAMETERS).blueprint(narrow=True).root_container
     rows = [view.contents for view in views(root) if view.origin == "/t1/shapes"]
