@@ -201,7 +201,7 @@ def track_view(root: str, label: str) -> rrb.TimeSeriesView:
     """Return the natural frequency of one mode, over time."""
     path = mode_path(root, label)
     both = [f"{path}/identified", f"{path}/model"]
-    return time_series(path, f"Mode {label} ± 2 std [Hz]", contents=both)
+    return time_series(path, f"{label}: f ± 2 std [Hz]", contents=both)
 
 
 def frequencies_view(root: str, parameters: ViewParameters) -> rrb.TimeSeriesView:

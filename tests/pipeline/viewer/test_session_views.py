@@ -103,10 +103,20 @@ def test_every_shape_of_a_narrow_screen_is_in_one_row():
 
 @pytest.mark.parametrize("narrow", [False, True])
 def test_every_track_of_a_mode_says_what_its_band_is(narrow: bool):
-    """A grid's own title shows where it lies in tabs alone."""
-    root = session_views(MODES_ONLY).blueprint(narrow=narrow).root_container
+    """A grid's own title shows where it lies in tabs alone; 19 characters of a plot's are seen."""
+    modes = ("m1", "m10", "m12")
+    root = session_views(replace(MODES_ONLY, modes=modes)).blueprint(narrow=narrow).root_container
     tracks = [view for view in views(root) if str(view.origin).startswith("/t1/modes/")]
-    assert [view.name for view in tracks] == [f"Mode {m} ± 2 std [Hz]" for m in "abcdefghijk"]
+    assert [view.name for view in tracks] == [f"{mode}: f ± 2 std [Hz]" for mode in modes]
+    assert all(len(str(view.name)) <= 19 for view in tracks)
+
+
+def test_a_narrow_screen_explains_its_colours_and_signs_as_a_wide_one_does():
+    root = session_views(PARAMETERS).blueprint(narrow=True).root_container
+    titles = {str(view.origin): str(view.name) for view in views(root)}
+    assert "colours as in Series" in titles["/t1/spectrum"]
+    assert "one colour per band" in titles["/t1/stabilisation"]
+    assert "≈" in titles["/t1/shapes"]
 
 
 def boxes(recorded: Recorded, view: Any) -> dict[str, np.ndarray]:
