@@ -186,8 +186,8 @@ def log_model_shape(
     recording: rr.RecordingStream, root: str, label: str, shape: Deflection | None
 ) -> None:
     """The updated model's shape of one mode as a line, at full swing; None: no line."""
-    strips = [] if shape is None else shape.line(AMPLITUDE)[None].astype(np.float32)
-    line = rr.LineStrips3D.from_fields(strips=strips)
+    strips = np.empty((0, 2, 3)) if shape is None else shape.line(AMPLITUDE)[None]
+    line = rr.LineStrips3D.from_fields(strips=strips.astype(np.float32))
     recording.log(f"{shape_path(root, label)}/motion/model", line)
 
 
