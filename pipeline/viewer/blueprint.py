@@ -112,7 +112,7 @@ def _overview(root: str, parameters: ViewParameters) -> rrb.Horizontal:
             indicators_view(root),
             status_view(root),
             events_view(f"{root}/events"),
-            row_shares=[2, 5, 4],
+            row_shares=[2, 6, 4],  # the status with a warning of three lines, in a farm, too
         ),
         column_shares=[5, 8, 6],
         name="Overview",

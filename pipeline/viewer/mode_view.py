@@ -99,12 +99,16 @@ class ModeView:
 
     def draw_estimate(self, estimate: ModalEstimate, layout: SensorLayout | None) -> None:
         """Draw the tracks and shapes of identified modes where there is no model."""
-        self._add_labels([mode.name for mode in estimate.modes if mode.name])
+        names = [mode.name for mode in estimate.modes if mode.name]
+        self._add_labels(names)
         for mode in estimate.modes:
             if mode.name in self._labels:
                 track_views.log_identified(self._recording, self._root, mode.name, mode)
                 if layout is not None:
                     self._draw_measured_shape(mode, estimate, layout)
+        for label in self._shapes:
+            if label not in names:
+                self._clear_measured_shape(label)
         if self._full_swing_ns is None:
             self._full_swing_ns = estimate.end_ns
 
@@ -142,6 +146,13 @@ class ModeView:
         lines = [drawn.direction, in_hertz(mode.frequency)]
         tower_views.log_shape_caption(self._recording, self._root, mode.name, lines, foot=foot)
         self._drawn_until_ns.setdefault(mode.name, estimate.end_ns)
+
+    def _clear_measured_shape(self, label: str) -> None:
+        """Draw no shape of a mode that this window lacks, not an earlier window's."""
+        tower_views.log_model_shape(self._recording, self._root, label, None)
+        tower_views.log_identified_shape(self._recording, self._root, label, None)
+        foot = self._outline.mudline - CAPTION_DEPTH
+        tower_views.log_shape_caption(self._recording, self._root, label, ["–"], foot=foot)
 
     def extend_motion(self, now_ns: int, *, at_least: float) -> None:
         """Frames of every shown shape up to `now_ns`, where `at_least` [s] of them are due."""

@@ -104,16 +104,20 @@ def _signals(root: str, parameters: ViewParameters) -> rrb.Tabs:
     return _tabs(
         "Signals",
         rrb.Vertical(*series, name="Series"),
-        _alone("Spectra", spectrum_view(root), "Spectra; upright lines: identified modes"),
+        _alone(
+            "Spectra",
+            spectrum_view(root),
+            "Last window, colours as in Series; upright lines: modes",
+        ),
     )
 
 
 def _modes(root: str, parameters: ViewParameters) -> rrb.Tabs:
     numbers = range(len(parameters.modes))
     shapes = (
-        "Model line, identified dots (–: none); f [Hz], MAC"
+        "Model line, identified dots (≈ mean, – none); f [Hz], MAC"
         if parameters.has_structure
-        else "Shapes at the sensors, as identified; f [Hz]"
+        else "Shapes at the sensors, last window (–: none); f [Hz]"
     )
     frequencies = "f [Hz]: blue fore-aft, purple side-side"
     frequencies += ", orange model" * parameters.has_structure
@@ -131,7 +135,11 @@ def _modes(root: str, parameters: ViewParameters) -> rrb.Tabs:
         rrb.Vertical(
             _titled(frequencies_view(root, parameters), frequencies), *changes, name="All modes"
         ),
-        _alone("Poles", stabilisation_view(root), "Poles ± std by model order; lines: modes"),
+        _alone(
+            "Poles",
+            stabilisation_view(root),
+            "Poles ± std, one colour per band; upright lines: modes",
+        ),
         *matrix,
     )
 

@@ -156,7 +156,7 @@ def shapes_view(
         contents=[f"{shape_path(root, label)}/**" for label in labels],
         name="Mode shapes: model line, identified dots (≈: mean of two, –: none); f [Hz], MAC"
         if parameters.has_structure
-        else "Mode shapes at the sensors, as identified; direction, f [Hz]",
+        else "Mode shapes at the sensors, last window (–: none); direction, f [Hz]",
         line_grid=False,
         background=GROUND,
         eye_controls=rrb.EyeControls3D(
@@ -201,7 +201,7 @@ def track_view(root: str, label: str) -> rrb.TimeSeriesView:
     """Return the natural frequency of one mode, over time."""
     path = mode_path(root, label)
     both = [f"{path}/identified", f"{path}/model"]
-    return time_series(path, f"Mode {label} [Hz]", contents=both)
+    return time_series(path, f"{label}: f ± 2 std [Hz]", contents=both)
 
 
 def frequencies_view(root: str, parameters: ViewParameters) -> rrb.TimeSeriesView:

@@ -183,10 +183,11 @@ def log_shape_place(
 
 
 def log_model_shape(
-    recording: rr.RecordingStream, root: str, label: str, shape: Deflection
+    recording: rr.RecordingStream, root: str, label: str, shape: Deflection | None
 ) -> None:
-    """The updated model's shape of one mode as a line, at full swing."""
-    line = rr.LineStrips3D.from_fields(strips=shape.line(AMPLITUDE)[None].astype(np.float32))
+    """The updated model's shape of one mode as a line, at full swing; None: no line."""
+    strips = np.empty((0, 2, 3)) if shape is None else shape.line(AMPLITUDE)[None]
+    line = rr.LineStrips3D.from_fields(strips=strips.astype(np.float32))
     recording.log(f"{shape_path(root, label)}/motion/model", line)
 
 

@@ -81,11 +81,42 @@ def test_a_session_opens_with_its_first_tabs_and_every_part_of_a_row_has_its_sha
             assert shares is None or len(shares) == len(each.contents)
 
 
+def test_on_a_desk_the_status_has_room_for_a_warning():
+    """Heights measured on a picture of a farm's turbine, 1600 by 1000 pixels."""
+    root = session_views(PARAMETERS, replace(MODES_ONLY, turbine="t2")).blueprint().root_container
+    (column,) = [
+        one
+        for one in containers(root)
+        if isinstance(one, rrb.Vertical) and "/t1/status" in [view.origin for view in views(one)]
+    ]
+    assert column.row_shares is not None
+    shown = column.row_shares[1] / sum(column.row_shares) * 877  # of the column [pixels]
+    assert shown >= 434  # title, sentence, table, fit, heading and three lines [pixels]
+
+
 def test_every_shape_of_a_narrow_screen_is_in_one_row():
     root = session_views(PARAMETERS).blueprint(narrow=True).root_container
     rows = [view.contents for view in views(root) if view.origin == "/t1/shapes"]
     assert max(map(len, rows)) == SHAPES_IN_ROW
     assert [path for row in rows for path in row] == [f"/t1/shapes/{m}/**" for m in "abcdefghijk"]
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_every_track_of_a_mode_says_what_its_band_is(narrow: bool):
+    """A grid's own title shows where it lies in tabs alone; 19 characters of a plot's are seen."""
+    modes = ("m1", "m10", "m12")
+    root = session_views(replace(MODES_ONLY, modes=modes)).blueprint(narrow=narrow).root_container
+    tracks = [view for view in views(root) if str(view.origin).startswith("/t1/modes/")]
+    assert [view.name for view in tracks] == [f"{mode}: f ± 2 std [Hz]" for mode in modes]
+    assert all(len(str(view.name)) <= 19 for view in tracks)
+
+
+def test_a_narrow_screen_explains_its_colours_and_signs_as_a_wide_one_does():
+    root = session_views(PARAMETERS).blueprint(narrow=True).root_container
+    titles = {str(view.origin): str(view.name) for view in views(root)}
+    assert "colours as in Series" in titles["/t1/spectrum"]
+    assert "one colour per band" in titles["/t1/stabilisation"]
+    assert "≈" in titles["/t1/shapes"]
 
 
 def boxes(recorded: Recorded, view: Any) -> dict[str, np.ndarray]:

@@ -585,6 +585,24 @@ def test_without_a_structure_identified_shapes_are_drawn_from_the_layout(
     assert captions[-1][0] == "FA"
 
 
+def test_without_a_structure_a_mode_that_the_last_window_lacks_has_no_shape(tmp_path: Path) -> None:
+    recording = rr.RecordingStream("test", recording_id="lacking")
+    recording.save(tmp_path / "s.rrd")
+    view = TurbineView(recording, "t1", bare_mast(LAYOUT), rates=TO_FILE, has_structure=False)
+    view.draw_layout(LAYOUT)
+    both = [replace(mode(f, np.ones(8)), name=name) for f, name in [(0.16, "m1"), (0.9, "m2")]]
+    for number, modes in enumerate([both, both[:1], both]):
+        view.draw_estimate(estimate(*modes, number=number))
+    recording.disconnect()
+    drawn = Recorded(tmp_path / "s.rrd")
+    captions = drawn.column("/t1/shapes/m2/caption", "Points3D:labels")
+    assert captions == [["FA", "0.900"], ["–"], ["FA", "0.900"]]
+    for part, component in [("model", "LineStrips3D:strips"), ("identified", "Points3D:positions")]:
+        rows = drawn.column(f"/t1/shapes/m2/motion/{part}", component)
+        assert [len(row) > 0 for row in rows] == [True, False, True]
+    assert ["–"] not in drawn.column("/t1/shapes/m1/caption", "Points3D:labels")
+
+
 def test_windows_that_no_posterior_answers_do_not_gather(tmp_path: Path) -> None:
     """Of a session that only tracks modes, and of windows that the updating refuses."""
     recording = rr.RecordingStream("test", recording_id="unanswered")
