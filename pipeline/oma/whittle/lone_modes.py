@@ -67,8 +67,8 @@ FLANK_BEGINS = 3.0  # half bandwidths from a resonance
 STEEPEST = 1.2  # ln of a channel's power beside a resonance, below it over above it: of 46 bands of
 # a parked tower that no fit described nine in ten had more, of 108 that one did one in five
 MOST_FAILURES = 2  # bands that the model does not describe, after which modes stand too densely for
-# any within one of them; after one more in the whole window (of the shipped record a window takes 1.1 s
-# of CPU, without that limit 2.2)
+# any within one of them; after one more for any in the window, which takes 1.1 s of CPU then in the
+# shipped record, without that limit 2.2
 CONFIRMED_SHARE = (
     0.3  # of the half bandwidth: what f and ζ of a refused mode beside others are known to
 )
