@@ -49,6 +49,7 @@ LIKELIEST = (3, 1, 6)  # orders of the line that stands out most
 LEAST_OTHER = -12.0  # log probability of as much at another order by chance, at most, as of a
 # coherence: of 80 parked windows with a machine's tone (seeds 72000 to 72079) it was -4 in 28 and
 # -12 in 2, of 16 with harmonics of a tenth of the motion (seeds 70301 to 70316) in 15
+# of 40 others with a tone (seeds 73000 to 73039, on which nothing was chosen) it is still in 5
 LINE_AND_OTHER = 14.0  # that less the log probability of the other order, at least: 16.7 to 34.8 in
 # the eight windows of a turning rotor of the scenario `operating` (seed 290001), 0 in the 16 others
 
