@@ -39,6 +39,7 @@ MODAL_COLOUR, SEA_COLOUR = (3.0, 2.0), (2.0, 2.0)  # mean and std of c: white to
 DAMPING = (np.log(0.02), 1.2)  # mean and std of ln ζ
 ENHANCEMENT = (np.log(2.5), 0.7)  # of ln γ
 HIGHEST_LEVEL = 500.0  # ln of a power that a step too far may try: what floats hold [nats]
+STEP = 1e-7  # of the ln of a model's frequency and form, for its derivatives [-]
 ENHANCEMENTS = np.array([1.2, 4.0, 7.0])  # γ that fits begin with: of wind seas and of swell
 
 
@@ -196,16 +197,25 @@ def _least_cost(
     beside = flanks / max(float(flanks.max()), 1e-300)
     slope = np.log(relative)
 
-    def cost(x: FloatArray) -> float:
+    def cost(x: FloatArray) -> tuple[float, FloatArray]:
+        """The cost and its gradient."""
         level, place, form, c, background, flank = x
-        steep = np.minimum(level + c * slope, HIGHEST_LEVEL)
-        expected = np.exp(steep) * model(relative, place, form)
-        expected = expected + np.exp(background) + np.exp(flank) * beside
-        lines = float(np.sum(np.log(expected) + powers / expected))
-        known = (
-            ((form - mean) / std) ** 2 + ((c - colour) / colour_std) ** 2 + (place / PLACE_STD) ** 2
+        free = level + c * slope
+        scale = np.exp(np.minimum(free, HIGHEST_LEVEL))
+        shape = model(relative, place, form)
+        hump, flat, far = scale * shape, np.exp(background), np.exp(flank) * beside
+        by_place = scale * (model(relative, place + STEP, form) - shape) / STEP
+        by_form = scale * (model(relative, place, form + STEP) - shape) / STEP
+        by_level = np.where(free < HIGHEST_LEVEL, hump, 0.0)
+        moved = np.array(
+            [by_level, by_place, by_form, slope * by_level, np.full(len(slope), flat), far]
         )
-        return lines + 0.5 * float(known) + 0.005 * float((background - np.log(floor)) ** 2)
+        expected = hump + flat + far
+        off = np.array([0.0, place, form - mean, c - colour, background - np.log(floor), 0.0])
+        weights = np.array([0.0, 1 / PLACE_STD**2, 1 / std**2, 1 / colour_std**2, 0.01, 0.0])
+        lines = float(np.sum(np.log(expected) + powers / expected))
+        gradient = moved @ ((1 - powers / expected) / expected) + weights * off
+        return lines + 0.5 * float(weights @ off**2), gradient
 
     top = float(np.log(np.quantile(powers, 0.9)))
     best = np.inf
@@ -220,5 +230,5 @@ def _least_cost(
             (np.log(floor) - 8, top + 2),
             (np.log(floor) - 8, top + 4),
         ]
-        best = min(best, float(minimize(cost, x, method="L-BFGS-B", bounds=bounds).fun))
+        best = min(best, float(minimize(cost, x, jac=True, method="L-BFGS-B", bounds=bounds).fun))
     return best

@@ -14,6 +14,7 @@ import numpy as np
 from pipeline.messages import Mode
 from pipeline.oma.whittle.fit import (
     COLOUR,
+    MOST_COLOUR_OFF,
     WhittleFit,
     cost_of_background,
     every_parameter,
@@ -56,7 +57,7 @@ class AroundMode:
         """f T of each mode, (n_modes,) [lines]."""
         return np.array([mode.frequency for mode in self.modes]) * self.band.duration
 
-    def fitted(self) -> WhittleFit:
+    def fitted(self, most_colour_off: float = MOST_COLOUR_OFF) -> WhittleFit:
         """All modes together. Of a neighbour beyond the band, whose flank alone is in it, force and
         colour move; its frequency, damping and shape stay as the poles have them."""
         m, n_channels = len(self.modes), len(self.band.scales)
@@ -68,11 +69,18 @@ class AroundMode:
             shape = n_inner(m) + place * (n_channels - 1)
             held += [place, m + place, *range(shape, shape + n_channels - 1)]
         along = np.delete(every_parameter(m, n_channels, one_colour=False), held, axis=1)
-        return fitted(self._start(), self.band, along, most_steps=MOST_STEPS)
+        return fitted(
+            self._start(),
+            self.band,
+            along,
+            most_steps=MOST_STEPS,
+            most_colour_off=most_colour_off,
+        )
 
     def without_first(self) -> WhittleFit | None:
-        """The neighbours alone in the same lines; None where there are none."""
-        return replace(self, modes=self.modes[1:]).fitted() if len(self.modes) > 1 else None
+        """The neighbours alone in the same lines, whatever slope their background takes, since
+        their cost is what counts; None where there are none."""
+        return replace(self, modes=self.modes[1:]).fitted(np.inf) if len(self.modes) > 1 else None
 
     def evidence_of_first(self, fit: WhittleFit) -> float:
         """ln of the Bayes factor of a fit of all modes over one without the first [nats]."""

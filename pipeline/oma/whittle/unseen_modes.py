@@ -27,7 +27,7 @@ from pipeline.oma.whittle.neighbours import (
     hidden_by_first,
     left_near_first,
 )
-from sensors.arrays import FloatArray
+from sensors.arrays import FloatArray, IntArray
 
 LOWEST_PEAK = 20.0  # f T from which lines lie beside a peak on both sides
 HIGHEST_PEAK = 300.0  # f T below which a mode of 1 % is not resolved
@@ -204,24 +204,42 @@ def _unseen_of_width(
     centres, at, beside = centres[worth], at[worth], beside[worth]
     into = np.linalg.inv(np.linalg.cholesky(beside))
     white = into @ at @ into.transpose(0, 2, 1)
-    strongest = np.linalg.eigvalsh(white)[:, -1]
+    strongest = np.linalg.eigvalsh(white)[:, -1]  # across what is known it is no stronger
+    clear = (strongest > STANDS_OUT_UNSEEN) & (_gain(strongest, width) > LEAST_GAIN)
+    centres, white, into = centres[clear] / T, white[clear], into[clear]
+    powers, directions = _strongest_across(white, into, _reaching(known, centres, width / T, T))
+    gains = _gain(powers, width)
     found: list[UnseenPeak] = []
-    for place, centre in enumerate(centres / T):
-        near = [
-            each.shape
-            for each in known
-            if abs(each.frequency - centre)
-            < (1.5 * width + 2) / T + REACHES_WIDTHS * each.half_bandwidth
-        ]
-        if strongest[place] < STANDS_OUT_UNSEEN or len(near) >= len(white[place]):
-            continue
-        power, direction = _strongest_across(white[place], into[place], near)
-        gain = 3 * width * (power - 1 - float(np.log(max(power, 1.0))))
-        shape = np.linalg.solve(into[place], direction)
-        peak = UnseenPeak(float(centre), width / T, shape, gain)
-        if power > STANDS_OUT_UNSEEN and gain > LEAST_GAIN and not _is_flank(peak, known):
+    for place in np.flatnonzero((powers > STANDS_OUT_UNSEEN) & (gains > LEAST_GAIN)):
+        shape = np.linalg.solve(into[place], directions[place])
+        peak = UnseenPeak(float(centres[place]), width / T, shape, float(gains[place]))
+        if not _is_flank(peak, known):
             found.append(peak)
     return found
+
+
+def _gain(powers: FloatArray, width: float) -> FloatArray:
+    """Rise of ln p if a power over flank were fitted. width: half bandwidth [lines]"""
+    return np.asarray(3 * width * (powers - 1 - np.log(np.maximum(powers, 1.0))))
+
+
+def _reaching(
+    known: Sequence[KnownPeak], centres: FloatArray, half_bandwidth: float, duration: float
+) -> list[tuple[IntArray, FloatArray]]:
+    """Places among the centres that the same known peaks reach, and the shapes of these,
+    (n_channels, n_shapes)."""
+    frequencies = np.array([each.frequency for each in known])
+    reach = 1.5 * half_bandwidth + 2 / duration
+    reach += REACHES_WIDTHS * np.array([each.half_bandwidth for each in known])
+    reached = np.abs(frequencies - centres[:, None]) < reach  # (n_centres, n_known)
+    sets, which = np.unique(reached, axis=0, return_inverse=True)
+    return [
+        (
+            np.flatnonzero(which.ravel() == number),
+            np.array([known[each].shape for each in np.flatnonzero(members)]).T,
+        )
+        for number, members in enumerate(sets)
+    ]
 
 
 def _is_flank(peak: UnseenPeak, known: Sequence[KnownPeak]) -> bool:
@@ -235,15 +253,22 @@ def _is_flank(peak: UnseenPeak, known: Sequence[KnownPeak]) -> bool:
 
 
 def _strongest_across(
-    white: FloatArray, into: FloatArray, shapes: Sequence[FloatArray]
-) -> tuple[float, FloatArray]:
-    """Power of the strongest direction across some shapes, and the direction, whitened."""
-    across = np.eye(len(white))
-    if shapes:
-        whole = np.linalg.qr(into @ np.column_stack(shapes), mode="complete")[0]
-        across = whole[:, len(shapes) :]
-    values, vectors = np.linalg.eigh(across.T @ white @ across)
-    return float(values[-1]), across @ vectors[:, -1]
+    white: FloatArray, into: FloatArray, reached: Sequence[tuple[IntArray, FloatArray]]
+) -> tuple[FloatArray, FloatArray]:
+    """Power of the strongest direction across the shapes that reach each place, (n_places,), and
+    the direction, whitened, (n_places, n_channels); 0 where the shapes leave no direction."""
+    powers, directions = np.zeros(len(white)), np.zeros(white.shape[:2])
+    for places, shapes in reached:
+        n_shapes = shapes.shape[-1]
+        if n_shapes >= white.shape[-1]:
+            continue
+        across = np.broadcast_to(np.eye(white.shape[-1]), white[places].shape)
+        if n_shapes:
+            across = np.linalg.qr(into[places] @ shapes, mode="complete")[0][..., n_shapes:]
+        values, vectors = np.linalg.eigh(across.transpose(0, 2, 1) @ white[places] @ across)
+        powers[places] = values[:, -1]
+        directions[places] = (across @ vectors[:, :, -1:])[:, :, 0]
+    return powers, directions
 
 
 def with_unseen(
@@ -321,7 +346,7 @@ def _by_evidence(around: AroundMode, settings: OmaSettings) -> list[Mode] | Refu
     """A mode that no pole shows and its neighbours as one fit has them; why not, where the lines
     do not know it; None where they hold no strong evidence of it."""
     fit = around.fitted()
-    if not around.evidence_of_first(fit) > EVIDENCE_OF_UNSEEN:
+    if fit.off_colour or not around.evidence_of_first(fit) > EVIDENCE_OF_UNSEEN:
         return None
     modes = modes_of_fit(fit, around.band)
     why = _why_not_known(modes[0], fit, around, settings)
@@ -404,7 +429,7 @@ def hidden_beside(
     spectrum : WindowSpectrum
     settings : OmaSettings
     """
-    if left_near_first(fit, of_mode.band) <= LEFT_BY_HIDDEN:
+    if fit.off_colour or left_near_first(fit, of_mode.band) <= LEFT_BY_HIDDEN:
         return None
     known = [first_mode(fit, of_mode.band), *others]
     found = _believed(hidden_by_first(of_mode, fit), known, spectrum, settings)
