@@ -229,14 +229,14 @@ def _reaching(
     """Places among the centres that the same known peaks reach, and the shapes of these,
     (n_channels, n_shapes)."""
     frequencies = np.array([each.frequency for each in known])
-    reach = 1.5 * half_bandwidth + 2 / duration
-    reach += REACHES_WIDTHS * np.array([each.half_bandwidth for each in known])
+    widths = np.array([each.half_bandwidth for each in known])
+    reach = 1.5 * half_bandwidth + 2 / duration + REACHES_WIDTHS * widths
     reached = np.abs(frequencies - centres[:, None]) < reach  # (n_centres, n_known)
     sets, which = np.unique(reached, axis=0, return_inverse=True)
     return [
         (
             np.flatnonzero(which.ravel() == number),
-            np.array([known[each].shape for each in np.flatnonzero(members)]).T,
+            np.array([known[each].shape for each in np.flatnonzero(members).tolist()]).T,
         )
         for number, members in enumerate(sets)
     ]
