@@ -139,7 +139,12 @@ class ModeTracker:
     def named(self, modes: Sequence[Mode], *, on: ChannelPlaces | None = None) -> tuple[Mode, ...]:
         """The modes of the next window, each under its track's name; new ones start a track.
 
-        on   where the shapes' channels are among all, where a window lacks some; None: it has all
+        Parameters
+        ----------
+        modes : sequence of Mode
+            Of the window.
+        on : ChannelPlaces or None, optional
+            Where the shapes' channels are among all, where a window lacks some; None: it has all.
         """
         shapes = [mode.shape if on is None else on.spread(mode.shape) for mode in modes]
         for track in self._tracks:

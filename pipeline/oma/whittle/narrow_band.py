@@ -144,10 +144,22 @@ class WindowSpectrum:
     def powers_over_flank(self, low: float, high: float, half_bandwidth: float) -> FloatArray:
         """Power at resonances over that beside them, direction by direction, largest first [-].
 
-        A mode alone stands out in one direction, its shape; what surrounds it fills the others as
-        much beside it as at it. Empty where the window ends.
+        Parameters
+        ----------
+        low, high : float
+            Of the resonances [Hz].
+        half_bandwidth : float
+            ζ f of them [Hz].
 
-        low, high   of the resonances [Hz]
+        Returns
+        -------
+        ndarray, shape (n_channels,)
+            Empty where the window ends.
+
+        Notes
+        -----
+        A mode alone stands out in one direction, its shape; what surrounds it fills the others as
+        much beside it as at it.
         """
         inner, far = 1.5 * half_bandwidth, 8 * half_bandwidth + 10 / self.duration
         near = 4 * half_bandwidth + 3 / self.duration
@@ -189,8 +201,16 @@ def peaks_and_flanks(
 ) -> tuple[FloatArray, FloatArray]:
     """Mean of Re y_k y_kᴴ at some places and beside them, (n, n_channels, n_channels) each.
 
-    sums      of `WindowSpectrum.running_sums`;  stride: of theirs [lines]
-    centres   [lines];  width: half bandwidth [lines]
+    Parameters
+    ----------
+    sums : ndarray, shape (n_sums, n_channels, n_channels)
+        Of `WindowSpectrum.running_sums`.
+    stride : int
+        Of the sums [lines].
+    centres : ndarray, shape (n,)
+        [lines].
+    width : float
+        Half bandwidth [lines].
     """
 
     def within(reach: float) -> tuple[FloatArray, FloatArray]:
