@@ -67,7 +67,14 @@ def paced(
 ) -> Iterator[_T]:
     """Yield the messages in their order, each when its sensor time has come.
 
-    time_of   sensor time at which a message is due [ns], e.g. the end of a block; None: at once
+    Parameters
+    ----------
+    messages : iterable
+        Of any type.
+    pace : Pace
+        Waits until a sensor time.
+    time_of : callable
+        Message → sensor time at which it is due [ns], e.g. the end of a block; None: at once.
     """
     for message in messages:
         time_ns = time_of(message)

@@ -24,7 +24,12 @@ class _Source:
     def time_of(self, message: AccelerationBlock | ScadaSample, now: int | None) -> int:
         """Logical time [ns]: the stamp, but for steps against the sample count.
 
-        now   logical time of the newest message of any source
+        Parameters
+        ----------
+        message : AccelerationBlock or ScadaSample
+            The next of this source.
+        now : int or None
+            Logical time of the newest message of any source [ns].
         """
         stamp = message.time_ns if isinstance(message, ScadaSample) else message.start_ns
         expected = self._expected(message)

@@ -66,10 +66,16 @@ class RowCutter:
     ) -> Iterator[AccelerationBlock]:
         """Take more rows; give the blocks that are complete.
 
-        first       index of the first row, never below one given before
-        rows        (n, n_channels); NaN where a channel has no sample
-        time_of     index → time of the row [ns]
-        status_of   first and end index → what the instrument reported of the rows
+        Parameters
+        ----------
+        first : int
+            Index of the first row, never below one given before.
+        rows : ndarray, shape (n, n_channels)
+            NaN where a channel has no sample; in the channels' units.
+        time_of : callable
+            Index → time of the row [ns].
+        status_of : callable, optional
+            First and end index → what the instrument reported of the rows; OK by default.
         """
         present = np.asarray(~np.isnan(rows).all(axis=1))
         edges = [0, *np.flatnonzero(np.diff(present)) + 1, len(rows)]

@@ -20,7 +20,12 @@ class FrameReader:
     def read(self, payload: bytes, sender: str) -> ChannelSamples | None:
         """The samples of a frame; None for one that is dropped and counted.
 
-        sender   where it came: a topic; "" where the channels' names distinguish the senders
+        Parameters
+        ----------
+        payload : bytes
+            The frame as it came.
+        sender : str
+            Where it came: a topic; "" where the channels' names distinguish the senders.
         """
         self._counts.received += 1
         try:

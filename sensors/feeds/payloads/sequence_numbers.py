@@ -40,9 +40,16 @@ class SequenceMonitor:
         self._missing: set[int] = set()
 
     def place(self, sequence: int, session: int = 0, *, time_ns: int = 0) -> Place:
-        """Take note of a message.
+        """Take note of a message and return where it stands among the others.
 
-        time_ns   its own time [ns]; rises with the numbers of a start
+        Parameters
+        ----------
+        sequence : int
+            Its number.
+        session : int, optional
+            Number of the sender's start.
+        time_ns : int, optional
+            Its own time [ns]; rises with the numbers of a start.
         """
         if session != self._session:
             if self._is_earlier(session):

@@ -78,7 +78,10 @@ class RebirthRequests:
 def rebirth(time_ms: int) -> bytes:
     """A payload that asks a node for its birth certificates.
 
-    time_ms   since 1970-01-01 UTC [ms]
+    Parameters
+    ----------
+    time_ms : int
+        Since 1970-01-01 UTC [ms].
     """
     name = b"Node Control/Rebirth"
     stamp = _written(time_ms)
