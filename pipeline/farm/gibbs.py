@@ -288,9 +288,23 @@ def inverse_wishart(
 ) -> FloatArray:
     """(n, d, d) draws Σ with density ∝ |Σ|^−(degrees + d + 1)/2 exp(−½ tr(scale Σ⁻¹)).
 
+    Parameters
+    ----------
+    degrees : float
+        Degrees of freedom [-].
+    scale : ndarray, shape (n, d, d)
+        Positive definite, one for each draw.
+    generator : numpy.random.Generator
+        That they are drawn with.
+
+    Notes
+    -----
     With scale = L Lᵀ and Bartlett's A, lower triangular with A_jj² ~ χ²(degrees − j) and standard
     normal entries below, Σ = (L A⁻ᵀ)(L A⁻ᵀ)ᵀ.
-    Source: Bartlett (1933), Proceedings of the Royal Society of Edinburgh 53, 260.
+
+    References
+    ----------
+    Bartlett (1933), Proceedings of the Royal Society of Edinburgh 53, 260.
     """
     n, d = scale.shape[:2]
     bartlett = np.tril(generator.standard_normal((n, d, d)), -1)

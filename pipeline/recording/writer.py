@@ -210,10 +210,25 @@ class Recorder:
 def whole_recording(
     path: Path, *, metadata: Metadata, settings: RecorderSettings | None = None
 ) -> Iterator[Recorder]:
-    """A recording that is there in the end, or not at all where what is written fails; where it is
-    interrupted, what was written can be salvaged.
+    """A recording that is there in the end, or not at all where what is written fails.
 
-    Raises RecordingError where the file exists or cannot be written.
+    Parameters
+    ----------
+    path : Path
+        Of the recording.
+    metadata : Metadata
+        Stored in it.
+    settings : RecorderSettings, optional
+        The defaults where left out.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be written.
+
+    Notes
+    -----
+    Where it is interrupted, what was written can be salvaged.
     """
     recorder = Recorder(path, metadata=metadata, clock=None, settings=settings)
     try:

@@ -40,8 +40,15 @@ class NodeAccount:
     def handle(self, message: Message, payload: bytes | None = None) -> Iterator[Message]:
         """Yield the node's answers to one message, in order, each as soon as the node gives it.
 
-        payload   the bytes that it came in, where they are known
+        Parameters
+        ----------
+        message : Message
+            The next one.
+        payload : bytes, optional
+            The bytes that it came in, where they are known.
 
+        Notes
+        -----
         What a node does after its last answer, such as writing a checkpoint, it does when that
         answer has been passed on. The message counts as taken when the answers are exhausted.
         """
@@ -81,12 +88,20 @@ class NodeAccount:
         malformed: int = 0,
         refusal: str = "",
     ) -> NodeStatus:
-        """Return what the node would say of itself now.
+        """Return what the node reports of itself now.
 
-        lost        blocks that its subscription knows to be lost
-        recovered   blocks that came when their link was back
-        malformed   messages that were dropped before they reached it
-        refusal     of the last of them: where it came and what was wrong
+        Parameters
+        ----------
+        state : str
+            Of the node.
+        lost : int, optional
+            Blocks that its subscription knows to be lost.
+        recovered : int, optional
+            Blocks that came when their link was back.
+        malformed : int, optional
+            Messages that were dropped before they reached it.
+        refusal : str, optional
+            Of the last of them: where it came and what was wrong.
         """
         counts: NodeStatistics = self.node.statistics
         warnings = counts.warnings

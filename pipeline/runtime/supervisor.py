@@ -162,8 +162,13 @@ class SupervisedProcess:
 def stopped_with_parent(stopping: threading.Event, descriptor: int = STANDARD_INPUT) -> None:
     """Set `stopping` when the parent, which holds the other end of a pipe, is gone.
 
-    descriptor   of the reading end. It is read without Python's buffer, whose lock a thread that
-                 still waits would hold when the interpreter ends
+    Parameters
+    ----------
+    stopping : threading.Event
+        That is set.
+    descriptor : int, optional
+        Of the reading end. It is read without Python's buffer, whose lock a thread that still waits
+        would hold when the interpreter ends.
     """
 
     def watch() -> None:

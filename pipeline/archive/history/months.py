@@ -142,7 +142,16 @@ class MonthWriter:
     def add(self, date: str, key: str, messages: Iterable[Message], *, whole: bool) -> None:
         """Add a day's results in order.
 
-        whole   whether all are there; else the day is done again by the next run
+        Parameters
+        ----------
+        date : str
+            Of the day.
+        key : str
+            Fingerprint of the history up to it.
+        messages : iterable of Message
+            The results.
+        whole : bool
+            Whether all are there; else the day is done again by the next run.
         """
         rows: dict[str, list[Row]] = {}
         counts: Counter[str] = Counter()
