@@ -69,7 +69,7 @@ class FigureModel:
         layout : SensorLayout
             What the modes are read by.
         names : sequence of str
-            Of the figures that may be off.
+            Of the figures that may be off, in the order of their departures.
         highest_frequency : float, optional
             Of the modes [Hz].
         blades : {"described", "converged"}, optional

@@ -125,6 +125,13 @@ class SparkplugDecoder:
     def decoded(self, topic: str, payload: bytes) -> dict[str, Any]:
         """A payload as {"timestamp", "seq", "metrics": [{"name", "timestamp", "value"}]}.
 
+        Parameters
+        ----------
+        topic : str
+            Under which it came: of a node's or a device's birth or data.
+        payload : bytes
+            The message as it came.
+
         Raises
         ------
         MessageError
