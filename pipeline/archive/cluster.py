@@ -43,9 +43,17 @@ class ClusterLost(InputError):  # noqa: N818  # it says what happened
 class DaskWorkers:
     """The workers that a Dask client knows.
 
-    missed   called with how many there are when nothing has come for a while
+    Parameters
+    ----------
+    client : distributed.Client
+        Of the scheduler.
+    missed : callable
+        Called with how many there are when nothing has come for a while.
 
-    Raises ClusterLost, from `outcomes`, where the scheduler goes.
+    Raises
+    ------
+    ClusterLost
+        From `outcomes`, where the scheduler goes.
     """
 
     def __init__(self, client: Any, missed: Callable[[int], None]) -> None:

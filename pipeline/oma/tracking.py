@@ -296,7 +296,10 @@ def _drift_event(track: Track) -> list[TrackEvent]:
 class ChannelSwapMonitor:
     """Remembers the shapes of a turbine's last good window.
 
-    reference   that window; None: there was none yet
+    Parameters
+    ----------
+    reference : ModalEstimate, optional
+        That window; None: there was none yet.
     """
 
     def __init__(self, reference: ModalEstimate | None = None) -> None:

@@ -189,7 +189,10 @@ def payloads_backwards(path: Path) -> Iterator[bytes]:
 class Repetition:
     """Knows again what was recorded: as much of each key as its publisher may send once more.
 
-    recorded   payloads of the recorder before; see `latest_payloads`
+    Parameters
+    ----------
+    recorded : iterable of bytes, optional
+        Payloads of the recorder before; see `latest_payloads`.
     """
 
     def __init__(self, recorded: Iterable[bytes] = ()) -> None:

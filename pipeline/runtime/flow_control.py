@@ -15,9 +15,20 @@ UNACKNOWLEDGED_BLOCKS = 120
 class Credit:
     """Lets a source publish as fast as the slowest node follows.
 
-    takers          names of the nodes that take acceleration blocks
-    unacknowledged  blocks that may be on their way to the slowest of them
+    Parameters
+    ----------
+    takers : iterable of str
+        Names of the nodes that take acceleration blocks.
+    unacknowledged : int
+        Blocks that may be on their way to the slowest of them.
 
+    Raises
+    ------
+    ValueError
+        If `unacknowledged` is less than 1.
+
+    Notes
+    -----
     A node acknowledges with `NodeStatus.last_sequence`: every block published up to that one.
     Blocks are counted, not their numbers, so that a gap in a recording holds nothing up.
     """

@@ -17,9 +17,14 @@ from sensors.arrays import one_blas_thread
 class NodeAccount:
     """Counts what a node takes and gives, and how long it is busy.
 
-    node      the node
-    turbine   id that the status is published under
-    clock     → time [ns since 1970]; an argument, so that nodes and tests need none
+    Parameters
+    ----------
+    node : Node
+        The node.
+    turbine : str
+        Id that the status is published under.
+    clock : callable
+        → time [ns since 1970]; an argument, so that nodes and tests need none.
     """
 
     def __init__(self, node: Node, turbine: str, clock: Callable[[], int]) -> None:

@@ -49,12 +49,20 @@ class BackOff:
 class SupervisedProcess:
     """A node in a process of its own, started with a command; SIGTERM ends it cleanly.
 
-    node      whose name and inputs it has
-    command   starts the process; it should stop when its standard input ends
-    back_off  how long to wait before starting it again
-    clock     → [s], never set back
-    name      of the node in this process; "" for its class's
-    inherited file descriptors that the process keeps open
+    Parameters
+    ----------
+    node : type of Node
+        Whose name and inputs it has.
+    command : sequence of str
+        Starts the process; it should stop when its standard input ends.
+    back_off : BackOff, optional
+        How long to wait before starting it again.
+    clock : callable, optional
+        → [s], never set back.
+    name : str, optional
+        Of the node in this process; "" for its class's.
+    inherited : sequence of int, optional
+        File descriptors that the process keeps open.
     """
 
     def __init__(

@@ -31,9 +31,17 @@ class Clock(Protocol):
 class Pace:
     """Lets sensor time go by `speed` times as fast as the clock, from the first time given.
 
-    speed   1: real time; n: n times faster; infinity: no waiting [-]
+    Parameters
+    ----------
+    speed : float
+        1: real time; n: n times faster; infinity: no waiting [-].
+    clock : Clock
+        That waits.
 
-    Raises InputError for a speed that is not positive.
+    Raises
+    ------
+    InputError
+        For a speed that is not positive.
     """
 
     def __init__(self, speed: float, clock: Clock) -> None:

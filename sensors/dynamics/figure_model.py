@@ -45,10 +45,7 @@ BASIS_MARGIN = 1.12  # a basis holds the modes to this multiple of the highest f
 
 
 class FigureModel:
-    """Modes that the sensors can see for springs θ, departures of figures and water levels.
-
-    names   of the figures, in the order of their departures
-    """
+    """Modes that the sensors can see for springs θ, departures of figures and water levels."""
 
     def __init__(
         self,

@@ -113,8 +113,16 @@ def forget_months(folder: Path, turbine: str, months: Iterable[str]) -> None:
 class MonthWriter:
     """Writes the files of one turbine's month, day by day, and gives them their names at the end.
 
-    folder   of the results
-    before   what its files hold now
+    Parameters
+    ----------
+    folder : Path
+        Of the results.
+    turbine : str
+        Its id.
+    month : str
+        Of the files.
+    before : WrittenMonth
+        What its files hold now.
     """
 
     def __init__(self, folder: Path, turbine: str, month: str, before: WrittenMonth) -> None:

@@ -99,8 +99,14 @@ def date_of(time_ns: int) -> str:
 class TurbineHistory:
     """One turbine's history among an archive's results.
 
-    results    folder of the tables
-    finished   what is kept from run to run
+    Parameters
+    ----------
+    turbine : TurbineArchive
+        What the archive holds of it.
+    results : Path
+        Folder of the tables.
+    finished : FinishedResults
+        What is kept from run to run.
     """
 
     def __init__(self, turbine: TurbineArchive, results: Path, finished: FinishedResults) -> None:

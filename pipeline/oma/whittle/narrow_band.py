@@ -69,16 +69,25 @@ LEAST_OF_A_LINE = 0.3  # share of its power: with less it is hardly more than wh
 class WindowSpectrum:
     """Fourier transform of a window without a taper: lines k/T are nearly independent.
 
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Free of offset, each channel in its own unit.
+    sampling_rate : float
+        [Hz].
+    integrations : ndarray of int, shape (n_channels,), optional
+        How often each channel's acceleration is integrated.
+    left : ndarray, shape (n // 2 + 1,), optional
+        Of each line's power, where a rotor's harmonics were taken off [-]: such a line counts as
+        much as is left of it, and one of which hardly anything is left not at all. Taken for whole
+        ones, they would make a mode's flank too steep: of 139 first modes 5 to 10 % off a harmonic
+        (seeds 70031 to 70100) the damping came out 8 % lower than without it, and its 90 %
+        intervals held .81; .88 since.
+
+    Notes
+    -----
     Lines above the frequencies at which modes are sought are in no band and no flank: there a
     recorder's filter takes a part of the background away, which a fit would lay to its modes.
-
-    samples        (n, n_channels), free of offset
-    integrations   how often each channel's acceleration is integrated, (n_channels,)
-    left           of each line's power, where a rotor's harmonics were taken off, (n // 2 + 1,):
-                   such a line counts as much as is left of it, and one of which hardly anything is
-                   left not at all. Taken for whole ones, they would make a mode's flank too steep:
-                   of 139 first modes 5 to 10 % off a harmonic (seeds 70031 to 70100) the damping
-                   came out 8 % lower than without it, and its 90 % intervals held .81; .88 since
     """
 
     def __init__(

@@ -158,9 +158,13 @@ MOST_MODES = 150  # remembered; those seen most rarely are forgotten first
 class ModalEvidence:
     """All evidence of the accepted windows: one ModeEvidence a mode, lowest frequency first.
 
-    channels           names in the order of the sensor layout; estimates are mapped by name
-    joint_covariance   whether the correlations among one mode's f and φ are kept, or only the
-                       variances as in [foundation-updating] §2.3
+    Attributes
+    ----------
+    channels : tuple of str
+        Names in the order of the sensor layout; estimates are mapped by name.
+    joint_covariance : bool
+        Whether the correlations among one mode's f and φ are kept, or only the variances as in
+        [foundation-updating] §2.3.
     """
 
     channels: tuple[str, ...]

@@ -35,11 +35,19 @@ class SessionNames:
 class RowCutter:
     """Cuts the rows of one unit into blocks.
 
-    layout          of the columns
-    sampling_rate   [Hz]
-    size            of a block [samples]
-    sessions        names them
+    Parameters
+    ----------
+    layout : SensorLayout
+        Of the columns.
+    sampling_rate : float
+        [Hz].
+    size : int
+        Of a block [samples].
+    sessions : SessionNames
+        Names the sessions.
 
+    Notes
+    -----
     `part` ends the session: the next row begins another one.
     """
 

@@ -8,9 +8,14 @@ from sensors.feeds.protocol import ChannelSamples, FeedCounts
 class FrameReader:
     """Reads the frames of one feed.
 
-    names    of the layout's channels, for frames that name none
-    counts   takes what is lost, late, duplicate, malformed or forged
-    key      shared with the senders; b"" where there is none
+    Parameters
+    ----------
+    names : tuple of str
+        Of the layout's channels, for frames that name none.
+    counts : FeedCounts
+        Takes what is lost, late, duplicate, malformed or forged.
+    key : bytes, optional
+        Shared with the senders; b"" where there is none.
     """
 
     def __init__(self, names: tuple[str, ...], counts: FeedCounts, key: bytes = b"") -> None:

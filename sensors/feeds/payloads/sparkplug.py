@@ -44,7 +44,10 @@ class NoBirthError(MessageError):
 class RebirthRequests:
     """Which nodes are to be asked for their birth certificates.
 
-    clock   monotonic time [s]
+    Parameters
+    ----------
+    clock : callable, optional
+        Monotonic time [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -115,7 +118,10 @@ class _Metrics:
 class SparkplugDecoder:
     """Remembers the names that nodes give their aliases.
 
-    rebirths   takes the nodes whose birth certificates are missing; None: none is asked
+    Parameters
+    ----------
+    rebirths : RebirthRequests, optional
+        Takes the nodes whose birth certificates are missing; None: none is asked.
     """
 
     def __init__(self, rebirths: RebirthRequests | None = None) -> None:
