@@ -59,11 +59,23 @@ def build(
 ) -> tuple[Plan, ...]:
     """Return the nodes of a session in the order of the flow.
 
-    layout    of a turbine that is neither in `layouts` nor in the scenario's farm
-    layouts   turbine → its own, where it is not as the scenario's farm has it
+    Parameters
+    ----------
+    scenario : Scenario
+        The whole experiment.
+    layout : SensorLayout
+        Of a turbine that is neither in `layouts` nor in the scenario's farm.
+    outputs : Outputs
+        Files and viewers of the session.
+    layouts : mapping of str to SensorLayout, optional
+        Turbine → its own, where it is not as the scenario's farm has it.
 
-    Raises OmaSettingsError where the scenario names a reference channel that the layout lacks, and
-    LayoutError where its channels are not what the structural model is compared with.
+    Raises
+    ------
+    OmaSettingsError
+        If the scenario names a reference channel that the layout lacks.
+    LayoutError
+        If its channels are not what the structural model is compared with.
     """
     references_among(layout.channel_names, scenario.oma)  # a wrong name ends the run here
     if scenario.has_structure:

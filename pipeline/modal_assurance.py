@@ -103,13 +103,26 @@ def renormalised_factor(shape: FloatArray, factor: FloatArray, component: int) -
 def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
     """MPC: 1 when all channels move in phase or in opposition, 0 when phases are scattered.
 
-    shapes   (..., n_channels), complex [-]
+    Parameters
+    ----------
+    shapes : ndarray of complex, shape (..., n_channels)
+        [-].
 
+    Returns
+    -------
+    ndarray, shape (...,)
+        MPC [-].
+
+    Notes
+    -----
         MPC = ((S_rr − S_ii)² + 4 S_ri²) / (S_rr + S_ii)²,  S_rr = Reφ·Reφ and so on
 
-    Source: Pappa, Elliott, Schenk (1993), Consistent-mode indicator for the eigensystem
-    realization algorithm, J. Guid. Control Dyn. 16. The shape is not centred: a mode whose
-    channels all move alike is as collinear as any other.
+    The shape is not centred: a mode whose channels all move alike is as collinear as any other.
+
+    References
+    ----------
+    Pappa, Elliott, Schenk (1993), Consistent-mode indicator for the eigensystem realization
+    algorithm, J. Guid. Control Dyn. 16.
     """
     rr = np.sum(shapes.real**2, axis=-1)
     ii = np.sum(shapes.imag**2, axis=-1)
@@ -123,14 +136,26 @@ def normalised_with_deviations(
 ) -> tuple[FloatArray, FloatArray]:
     """Complex normalisation (Eq. 11) of a shape and of its first-order deviations.
 
-    shape        φ, (n_channels,), complex, any scale
-    deviations   Δφ, (n_channels, n_columns)
-    returns      φ̄ = Re(φ/φ_i), (n_channels,), and its deviations, (n_channels, n_columns):
+    Parameters
+    ----------
+    shape : ndarray of complex, shape (n_channels,)
+        φ, any scale.
+    deviations : ndarray of complex, shape (n_channels, n_columns)
+        Δφ, in the scale of φ.
 
+    Returns
+    -------
+    normalised : ndarray, shape (n_channels,)
+        φ̄ = Re(φ/φ_i) [-].
+    change : ndarray, shape (n_channels, n_columns)
+        Δφ̄ [-]; row i is exactly zero.
+
+    Notes
+    -----
         Δφ̄ = Re((Δφ − (φ/φ_i) Δφ_i) / φ_i),  i = argmax |φ|
 
     Normalised first, then the real part: only so do scale and phase of the eigenvector, which
-    mean nothing, stay out of the covariance. Row i is exactly zero.
+    mean nothing, stay out of the covariance.
     """
     unit = int(np.argmax(np.abs(shape)))
     scaled: Any = shape / shape[unit]

@@ -43,9 +43,17 @@ class ClusterLost(InputError):  # noqa: N818  # it says what happened
 class DaskWorkers:
     """The workers that a Dask client knows.
 
-    missed   called with how many there are when nothing has come for a while
+    Parameters
+    ----------
+    client : distributed.Client
+        Of the scheduler.
+    missed : callable
+        Called with how many there are when nothing has come for a while.
 
-    Raises ClusterLost, from `outcomes`, where the scheduler goes.
+    Raises
+    ------
+    ClusterLost
+        From `outcomes`, where the scheduler goes.
     """
 
     def __init__(self, client: Any, missed: Callable[[int], None]) -> None:
@@ -208,12 +216,26 @@ def _replace_lost(cluster: Any, count: int) -> None:
 
 @contextmanager
 def cluster_workers(address: str, *, patience: float = CONNECTING) -> Iterator[Workers]:
-    """The workers of a scheduler, e.g. tcp://10.0.0.5:8786. All of them must be able to read the
-    archive under the same paths, have this pilewatch, and have one thread.
+    """The workers of a scheduler, e.g. tcp://10.0.0.5:8786.
 
-    patience   how long the scheduler is waited for [s]
+    Parameters
+    ----------
+    address : str
+        Of the scheduler.
+    patience : float, optional
+        How long the scheduler is waited for [s].
 
-    Raises InputError where nothing answers there, or no worker; ClusterLost where it goes.
+    Raises
+    ------
+    InputError
+        If nothing answers there, or no worker.
+    ClusterLost
+        If the scheduler goes.
+
+    Notes
+    -----
+    All of the workers must be able to read the archive under the same paths, have this pilewatch,
+    and have one thread.
     """
     _require_dask()
     from distributed import Client

@@ -122,6 +122,15 @@ def _in_order(parts: Sequence[Part]) -> list[Part]:
 def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
     """Return the tasks of one turbine, from its parts in order of time.
 
+    Parameters
+    ----------
+    parts : sequence of Part
+        Of one turbine, in order of time.
+    settings : OmaSettings
+        With the length of the windows.
+
+    Notes
+    -----
     Files of a turbine with several acquisition units are taken one by one: its units are joined on
     one clock within a file, never over files.
     """

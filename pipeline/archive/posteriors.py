@@ -151,8 +151,14 @@ class SavedPass:
 class PosteriorPass:
     """The serial pass over one turbine's estimates.
 
-    remembered   gives the result of a key, by calling what makes it where there is none yet
-    saved        as `saved` was after the windows before; None: there are none
+    Parameters
+    ----------
+    plan : UpdatingPlan
+        Of the turbine.
+    remembered : Memory
+        Gives the result of a key, by calling what makes it where there is none yet.
+    saved : SavedPass, optional
+        As `saved` was after the windows before; None: there are none.
     """
 
     def __init__(

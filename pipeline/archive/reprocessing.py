@@ -77,12 +77,26 @@ def reprocessed(
 ) -> ArchiveReport:
     """Identify and update everything that the files hold; results as Parquet in `out`.
 
-    scenario   name or path, of all turbines; None: of each the one that its newest file was made
-               under
-    report     called as things get done
+    Parameters
+    ----------
+    files : sequence of Path
+        Of the archive. One that cannot be read is a failure in the report, and the
+        rest goes on.
+    out : Path
+        Folder of the results.
+    workers : Workers
+        Where the windows are computed.
+    scenario : str, optional
+        Name or path, of all turbines; None: of each the one that its newest file was made under.
+    sampler : str, optional
+        Of the posterior; None: the scenario's.
+    report : callable, optional
+        Called as things get done, with the phase, how many are done, and how many there are.
 
-    A file that cannot be read is a failure in the report, and the rest goes on. Raises InputError
-    where the scenario or the folder is wrong.
+    Raises
+    ------
+    InputError
+        If the scenario or the folder is wrong.
     """
     return _Reprocessing(out, workers, report).run(files, scenario, sampler)
 

@@ -41,9 +41,14 @@ class TrackingState:
 class ArchiveTracking:
     """What must be remembered of one turbine's windows.
 
-    channels   names of all channels that any of its layouts has
-    hop        from one window's start to the next one's [s]
-    state      after the windows before; None: there are none
+    Parameters
+    ----------
+    channels : sequence of str
+        Names of all channels that any of its layouts has.
+    hop : float
+        From one window's start to the next one's [s].
+    state : TrackingState, optional
+        After the windows before; None: there are none.
     """
 
     def __init__(

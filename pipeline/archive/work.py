@@ -41,9 +41,16 @@ class Workers(Protocol):
     """What does the calls."""
 
     def outcomes(self, calls: Iterable[Call | None]) -> Iterator[Outcome]:
-        """Every call's outcome, as it is ready. An exception that is no InputError is raised.
+        """Every call's outcome, as it is ready.
 
-        calls   pulled as there is room; None: the next one waits for outcomes still to come
+        Parameters
+        ----------
+        calls : iterable of Call or None
+            Pulled as there is room; None: the next one waits for outcomes still to come.
+
+        Notes
+        -----
+        An exception that is no InputError is raised.
         """
         ...
 

@@ -139,6 +139,17 @@ def zenoh_settings(
 ) -> Any:
     """Return how the command's session finds the others.
 
+    Parameters
+    ----------
+    mode : ZenohMode
+        Of the session.
+    listen : list of str or None
+        Endpoints that it listens at.
+    connect : list of str or None
+        Endpoints that it connects to.
+    config : Path or None
+        Configuration file of Zenoh, which sets the mode.
+
     Raises
     ------
     InputError

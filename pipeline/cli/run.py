@@ -225,7 +225,16 @@ def _session_options(
 def farm_note(turbines: Sequence[str], shown: str, out: Path, *, pooled: bool) -> str:
     """Return a note on whose results were printed, and where the others are.
 
-    pooled   whether there are posteriors that a farm can pool
+    Parameters
+    ----------
+    turbines : sequence of str
+        All that ran.
+    shown : str
+        The one whose results were printed.
+    out : Path
+        Folder of the session.
+    pooled : bool
+        Whether there are posteriors that a farm can pool.
     """
     command = f"pilewatch farm {out}" if pooled else f"pilewatch report {out}"
     return (

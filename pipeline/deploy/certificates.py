@@ -54,12 +54,24 @@ class Identity:
 def make_certificates(folder: Path, names: Sequence[str], *, host: str) -> list[str]:
     """Make what is missing: the authority, and a certificate of each name.
 
-    folder   is made where there is none; what exists in it is kept
-    names    of the machines; the first one is listened on, at `host`
-    host     name or address that others connect to; "localhost" and the loopback address hold too
+    Parameters
+    ----------
+    folder : Path
+        Is made where there is none; what exists in it is kept.
+    names : sequence of str
+        Of the machines; the first one is listened on, at `host`.
+    host : str
+        Name or address that others connect to; "localhost" and the loopback address hold too.
 
-    Returns the names that are new. Raises CertificateError: cryptography is missing, or a file
-    cannot be read or written.
+    Returns
+    -------
+    list of str
+        The names that are new.
+
+    Raises
+    ------
+    CertificateError
+        If cryptography is missing, or a file cannot be read or written.
     """
     import_extra("cryptography", "security", "certificates", CertificateError)
     try:

@@ -212,6 +212,15 @@ def export_imu(
 ) -> tuple[Exported, ...]:
     """Write the samples of a recording, or of a session's folder, as `imu.mcap`.
 
+    Parameters
+    ----------
+    recording : Path
+        File or folder.
+    folder : Path
+        Where `imu.mcap` is written.
+    report : callable, optional
+        Called with each block that is written.
+
     Raises
     ------
     RecordingError, SourceError, InputError

@@ -72,12 +72,20 @@ def evidence_of(
 ) -> TurbineEvidence:
     """Return the likelihood that a posterior stands for.
 
+    Parameters
+    ----------
+    posterior : FoundationPosterior
+        With FEWEST_DRAWS draws at least.
+    coordinates : SpringCoordinates
+        In which the likelihood is described.
+    generator : numpy.random.Generator
+        For where the fit starts.
+
+    Notes
+    -----
     Every draw x counts 1 / π(x): what its prior gave to where it lies is taken away again. That is
     |∂x/∂k| of a prior uniform in k, and ρ of an uncertain structure's, which is flat in ln k11,
     ln k22 and logit ρ². A mixture is then fitted, of as many components as AIC pays for.
-
-    posterior   with FEWEST_DRAWS draws at least
-    generator   for where the fit starts
     """
     ratios = posterior.draws[:, :3] / coordinates.nominal
     points = coordinates.of_ratios(ratios)

@@ -133,10 +133,19 @@ def pooled_farm(
     messages: Sequence[FoundationPosterior | FoundationEvent],
     settings: PoolingSettings | None = None,
 ) -> Farm:
-    """The farm of the latest posterior of each turbine, and of their events. The same messages, in
-    whatever order, give the same farm.
+    """The farm of the latest posterior of each turbine, and of their events.
 
-    Raises FarmError where fewer than two turbines can be pooled.
+    Parameters
+    ----------
+    messages : sequence of FoundationPosterior or FoundationEvent
+        Of all turbines. The same messages, in whatever order, give the same farm.
+    settings : PoolingSettings, optional
+        The defaults where left out.
+
+    Raises
+    ------
+    FarmError
+        If fewer than two turbines can be pooled.
     """
     settings = settings or PoolingSettings()
     members, left_out = members_of([e for e in messages if isinstance(e, FoundationPosterior)])
@@ -308,6 +317,15 @@ def _probability(value: float) -> str:
 def log_spreads(drawn: PooledDraws, coordinates: SpringCoordinates) -> FloatArray:
     """(n_draws, 3) standard deviations of ln k11, ln k22 and ln |k12| over the farm [-].
 
+    Parameters
+    ----------
+    drawn : PooledDraws
+        With means and covariances of the population.
+    coordinates : SpringCoordinates
+        Of the draws.
+
+    Notes
+    -----
         ln |k12| = ½ (ln k11 + ln k22) + ln |ρ|,   d ln |ρ| / dz = (1 − ρ²) / ρ
 
     to first order about the farm's mean.

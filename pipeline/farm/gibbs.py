@@ -87,7 +87,16 @@ class OutlierPriors:
 class Gibbs:
     """The full conditionals, for all chains at once.
 
-    shape   S of `pooling`, (d, d); None: the unit matrix
+    Parameters
+    ----------
+    evidence : StackedEvidence
+        Of all turbines.
+    prior : PopulationPrior
+        Of the population's mean and covariance.
+    generator : numpy.random.Generator
+        That the chains are drawn with.
+    shape : ndarray, shape (d, d), optional
+        S of `pooling`; None: the unit matrix.
     """
 
     def __init__(
@@ -123,8 +132,12 @@ class Gibbs:
     def sweep(self, state: State) -> tuple[FloatArray, FloatArray]:
         """Every unknown drawn once, the state's in place.
 
-        returns   x, (n_chains, n_turbines, d); probability of an outlier given the rest,
-                  (n_chains, n_turbines)
+        Returns
+        -------
+        x : ndarray, shape (n_chains, n_turbines, d)
+            Of the turbines.
+        outlier_probabilities : ndarray, shape (n_chains, n_turbines)
+            Probability of an outlier given the rest.
         """
         component, outlying, chances = self._allocations(state)
         rows = np.arange(len(self._evidence.means))
@@ -288,9 +301,23 @@ def inverse_wishart(
 ) -> FloatArray:
     """(n, d, d) draws Σ with density ∝ |Σ|^−(degrees + d + 1)/2 exp(−½ tr(scale Σ⁻¹)).
 
+    Parameters
+    ----------
+    degrees : float
+        Degrees of freedom [-].
+    scale : ndarray, shape (n, d, d)
+        Positive definite, one for each draw.
+    generator : numpy.random.Generator
+        That they are drawn with.
+
+    Notes
+    -----
     With scale = L Lᵀ and Bartlett's A, lower triangular with A_jj² ~ χ²(degrees − j) and standard
     normal entries below, Σ = (L A⁻ᵀ)(L A⁻ᵀ)ᵀ.
-    Source: Bartlett (1933), Proceedings of the Royal Society of Edinburgh 53, 260.
+
+    References
+    ----------
+    Bartlett (1933), Proceedings of the Royal Society of Edinburgh 53, 260.
     """
     n, d = scale.shape[:2]
     bartlett = np.tril(generator.standard_normal((n, d, d)), -1)

@@ -75,7 +75,12 @@ class PooledDraws:
     ) -> "PooledDraws":
         """Turbines and mean moved by one draw of the description's errors each sweep.
 
-        common   L, (n_turbines, n_figures, d)
+        Parameters
+        ----------
+        common : ndarray, shape (n_turbines, n_figures, d)
+            L, what an error of one standard deviation of each figure moves.
+        generator : numpy.random.Generator
+            That the errors are drawn with.
         """
         xi = generator.standard_normal((len(self.points), common.shape[1]))
         moved = np.einsum("nf,tfd->ntd", xi, common)
@@ -91,7 +96,18 @@ def pooled(
 ) -> PooledDraws:
     """Draws of the population and of every turbine given all turbines' evidence.
 
-    shape   S, (d, d); None: the unit matrix
+    Parameters
+    ----------
+    evidence : StackedEvidence
+        Of all turbines.
+    prior : PopulationPrior
+        Of the population's mean and covariance.
+    generator : numpy.random.Generator
+        That they are drawn with.
+    settings : GibbsSettings, optional
+        The defaults where left out.
+    shape : ndarray, shape (d, d), optional
+        S; None: the unit matrix.
     """
     settings = settings or GibbsSettings()
     gibbs = Gibbs(evidence, prior, generator, shape)

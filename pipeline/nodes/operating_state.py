@@ -164,9 +164,18 @@ def _shown_state(estimate: ModalEstimate, settings: OperationSettings) -> Qualit
 def in_nacelle_axes(estimate: ModalEstimate, layout: SensorLayout) -> ModalEstimate:
     """The estimate with its shapes turned from the tower's axes to those of the yawed nacelle.
 
+    Parameters
+    ----------
+    estimate : ModalEstimate
+        Returned as it is where its yaw is 0 or unknown.
+    layout : SensorLayout
+        Places and directions of the channels.
+
+    Notes
+    -----
     Sensors are fixed to the tower while fore-aft follows the nacelle. Two axes at one height span
     the horizontal motion there, whatever their directions; it is read again along the layout's own
-    directions after a turn by −yaw. Unchanged where the yaw is 0 or unknown.
+    directions after a turn by −yaw.
     """
     if not np.isfinite(estimate.yaw) or abs(estimate.yaw) < 1e-9:
         return estimate

@@ -38,6 +38,17 @@ def structure_text(
 ) -> str | None:
     """Return the description that goes into a project's folder; None for a shipped one or none.
 
+    Parameters
+    ----------
+    structure : str
+        Shipped name, description, or another program's file.
+    subdyn : Path, optional
+        SubDyn file beside a structure of ElastoDyn.
+    springs : FoundationSprings, optional
+        Of another program's structure.
+    mudline : float, optional
+        Elevation of the mudline of another program's structure [m].
+
     Raises
     ------
     InputError

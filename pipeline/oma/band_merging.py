@@ -45,6 +45,20 @@ class MergedMode:
 def merged(by_band: Sequence[Sequence[Mode]], bands: Sequence[Band]) -> tuple[MergedMode, ...]:
     """The modes of all bands, each once, lowest frequency first.
 
+    Parameters
+    ----------
+    by_band : sequence of sequences of Mode
+        Modes of each band.
+    bands : sequence of Band
+        In the order of `by_band`.
+
+    Returns
+    -------
+    tuple of MergedMode
+        Sorted by frequency.
+
+    Notes
+    -----
     Two estimates are one mode when their frequencies agree within three joint std or half a
     percent and their MAC is 0.8 or more. The sharpest of those that most orders of a band agree
     upon stays, whichever band it comes from. What these differ by, beyond their std, is added to

@@ -66,9 +66,25 @@ def resolved_by_evidence(
 ) -> ResolvedModes:
     """The modes of the poles, with those of every group of suspects as the evidence has them.
 
-    modes     of all bands, each once
-    refused   with the reasons; a mixture of neighbours makes a suspect
-    harmonics of machines, whose peaks hide no pair
+    Parameters
+    ----------
+    modes : sequence of Mode
+        Of all bands, each once.
+    refused : sequence of RefusedMode
+        With the reasons; a mixture of neighbours makes a suspect.
+    coincident : sequence of CoincidentModes
+        Places where two poles stand side by side in most orders; each makes a suspect.
+    spectrum : WindowSpectrum
+        Fourier lines of the window.
+    settings : OmaSettings
+        Limits that a mode of the lines has to keep as well.
+    harmonics : sequence of Mode, optional
+        Of machines, whose peaks hide no pair.
+
+    Returns
+    -------
+    ResolvedModes
+        Modes and refused modes after the evidence.
     """
     duration = spectrum.duration
     suspects = _suspects(modes, refused, coincident, spectrum, harmonics)
@@ -132,6 +148,17 @@ def beside_flanks(
 ) -> list[Mode]:
     """The modes; those that the lines of a resolved group gave fitted again with all neighbours.
 
+    Parameters
+    ----------
+    modes : sequence of Mode
+        Of the poles and of the lines; only those of the lines are fitted again.
+    spectrum : WindowSpectrum
+        Fourier lines of the window.
+    settings : OmaSettings
+        Limits that decide whether the new fit replaces the mode.
+
+    Notes
+    -----
     The band of a group ends short of its neighbours, whose flanks it takes for a flat background.
     Of a neighbour of much the same shape these pull a mode towards it: of 36 windows of a parked
     tower (seeds 141101 to 141106) seven of 22 such modes lay 3.3 to 11 std off; after, one did (4.4
@@ -171,7 +198,19 @@ def with_lone_modes(
 ) -> ResolvedModes:
     """The modes, and those refused as mixtures where one direction alone stands out of the lines.
 
-    vague_shapes   modes whose f and ζ are sure, each with its reason
+    Parameters
+    ----------
+    resolved : ResolvedModes
+        Modes and refused modes so far.
+    vague_shapes : sequence of (Mode, RefusedMode)
+        Modes whose f and ζ are sure, each with the reason why it is refused.
+    spectrum : WindowSpectrum
+        Fourier lines of the window.
+
+    Returns
+    -------
+    ResolvedModes
+        With the modes of one direction among the modes, sorted by frequency, and no longer refused.
     """
     lone = [
         (mode, reason)

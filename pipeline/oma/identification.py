@@ -99,24 +99,47 @@ def identify(
 ) -> Identification:
     """Modes of the structure that a whole array of samples, taken as one window, shows.
 
-    samples         (n, n_channels); any unit, channels may differ in theirs
-    sampling_rate   [Hz]
-    times           (n,) time stamps of the samples, if there are any [s]
-    channel_names   for warnings and the references; "channel 1" and so on by default
-    quantities      what each channel measures; by default all the same
-    rotor_speed     at each sample, (n,) [rpm]: harmonics of a turning rotor are taken off along its
-                    angle (`rotor_harmonics.py`), and what follows it is no mode; where it is not
-                    known, two harmonics that keep one phase say it (`coupled_harmonics.py`), and
-                    weak ones warn that a rotor turns (`turning_rotor.py`)
-    cross_checked   every mode is estimated a second time from its spectral peak (`cross_check.py`);
-                    where the two differ by more than their std allow, a warning says so
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Any unit, channels may differ in theirs.
+    sampling_rate : float
+        [Hz].
+    settings : OmaSettings, optional
+        The defaults where left out.
+    times : ndarray, shape (n,), optional
+        Time stamps of the samples, if there are any [s].
+    channel_names : sequence of str, optional
+        For warnings and the references; "channel 1" and so on by default.
+    quantities : sequence of Quantity, optional
+        What each channel measures; by default all the same.
+    rotor_speed : ndarray, shape (n,), optional
+        At each sample [rpm]: harmonics of a turning rotor are taken off along its angle
+        (`rotor_harmonics.py`), and what follows it is no mode. Where it is not known, two harmonics
+        that keep one phase show it (`coupled_harmonics.py`), and weak ones warn that a rotor turns
+        (`turning_rotor.py`).
+    cross_checked : bool, optional
+        Every mode is estimated a second time from its spectral peak (`cross_check.py`); where the
+        two differ by more than their std allow, a warning says so.
 
+    Returns
+    -------
+    Identification
+        A rejected window has no modes and holds the reason: a rejection is a value and no
+        exception.
+
+    Raises
+    ------
+    OmaSettingsError
+        If the sampling rate is too low for the frequencies asked for, or a reference channel is
+        unknown.
+
+    Notes
+    -----
     Shapes are in the samples' own units: a channel in g beside one in m/s² reads accordingly.
     Of channels that measure different quantities, they are those of the accelerations.
     Up to 5 % of missing samples (NaN, or steps of `times`) are filled by prediction. A window that
-    lacks more, or has a dead channel, is rejected, which is a value and no exception.
-    Raises OmaSettingsError when the sampling rate is too low for the frequencies asked for, or a
-    reference channel is unknown.
+    lacks more, or has a dead channel, is rejected.
     """
     settings = settings or OmaSettings()
     names = channel_names or default_names(samples.shape[1])
@@ -208,11 +231,28 @@ def concluded(
     *,
     left: FloatArray | None = None,
 ) -> Identification:
-    """All bands' modes as one list: each once, close pairs joined; harmonics and what is known
-    too vaguely for a mode left out.
+    """All bands' modes as one list: each once, close pairs joined, harmonics left out.
 
-    steady   the window's samples, free of offset, (n, n_channels)
-    left     what taking off a rotor's harmonics has left of each line's power, (n // 2 + 1,)
+    Parameters
+    ----------
+    by_band : sequence of BandIdentification
+        Modes and poles of each band.
+    steady : ndarray, shape (n, n_channels)
+        The window's samples, free of offset, each channel in its own unit.
+    sampling_rate : float
+        Of `steady` [Hz].
+    findings : sequence of Finding
+        Of the checks of the window; their warnings are passed on.
+    settings : OmaSettings
+        Limits of what counts as a mode.
+    integrations : ndarray of int, shape (n_channels,), optional
+        Of channels that measure different quantities (`quantities.py`).
+    left : ndarray, shape (n // 2 + 1,), optional
+        What taking off a rotor's harmonics has left of each line's power [-].
+
+    Notes
+    -----
+    What is known too vaguely for a mode is left out as well.
     """
     judged = _judged(by_band, steady, sampling_rate, settings)
     warnings = [finding.warning for finding in findings]
@@ -428,9 +468,19 @@ def why_refused(
 ) -> tuple[str, str] | None:
     """Why a frequency is not known as well as that of a mode is: code and text; None where it is.
 
-    duration   T of the window [s]
-    alone      one band reports it where others should: its f and ζ must be known well
+    Parameters
+    ----------
+    mode : Mode
+        The candidate.
+    duration : float
+        T of the window [s].
+    settings : OmaSettings
+        `maximum_shape_std` is the most that a resolved mode's shape may have.
+    alone : bool, optional
+        One band reports it where others should: its f and ζ must be known well.
 
+    Notes
+    -----
     No unbiased estimate of a mode's frequency is sharper than about std(f)/f = √(ζ/(2π f T)). A
     mode is taken where its frequency
 

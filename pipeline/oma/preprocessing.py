@@ -33,8 +33,19 @@ def on_even_grid(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Samples and times with NaN rows where a step of several samples shows that some are missing.
 
-    times     (n,) rising [s]
-    returns   None where nothing is missing, more than may be, or the steps are not whole
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Each channel in its own unit.
+    times : ndarray, shape (n,)
+        Rising [s].
+    sampling_rate : float
+        [Hz].
+
+    Returns
+    -------
+    tuple of ndarray, shapes (n + n_missing, n_channels) and (n + n_missing,), or None
+        None where nothing is missing, more than may be, or the steps are not whole.
     """
     steps = np.diff(times) * sampling_rate
     if not len(steps) or not np.isfinite(steps).all() or (steps < 0.5).any():
@@ -53,7 +64,12 @@ def on_even_grid(
 def filled(samples: NDArray[np.floating], sampling_rate: float) -> FloatArray:
     """Samples with every missing one predicted from its own channel.
 
-    samples   (n, n_channels), NaN where missing
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        NaN where missing; each channel in its own unit.
+    sampling_rate : float
+        [Hz].
     """
     result = np.array(samples, dtype=np.float64)
     n_taps = int(min(MOST_TAPS, max(4, PREDICTED_FROM * sampling_rate), len(result) // 10))
@@ -141,8 +157,17 @@ def _kaiser_beta(attenuation: float) -> float:
 def decimated(samples: FloatArray, decimation: int) -> FloatArray:
     """Every q-th sample after the anti-alias filter, where that is wholly filled.
 
-    samples   (n, n_channels)
-    returns   (n_decimated(n, q), n_channels), empty for a short record
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Each channel in its own unit.
+    decimation : int
+        q [-].
+
+    Returns
+    -------
+    ndarray, shape (n_decimated(n, q), n_channels)
+        Empty for a short record.
     """
     if n_decimated(len(samples), decimation) <= 0:
         return samples[:0]
@@ -178,11 +203,18 @@ def lines_of_channels(
 ) -> ComplexArray:
     """Fourier lines of each channel over its scale, (n // 2 + 1, n_channels).
 
-    One channel is transformed after the other: all at once would hold three copies of the samples.
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Each channel in its own unit.
+    scales : ndarray, shape (n_channels,)
+        By which each channel is divided, in its unit.
+    taper : ndarray, shape (n,), optional
+        None: none [-].
 
-    samples   (n, n_channels)
-    scales    (n_channels,)
-    taper     (n,); None: none
+    Notes
+    -----
+    One channel is transformed after the other: all at once would hold three copies of the samples.
     """
     lines = np.empty((len(samples) // 2 + 1, len(scales)), dtype=np.complex128)
     for place, scale in enumerate(scales):

@@ -139,7 +139,12 @@ class ModeTracker:
     def named(self, modes: Sequence[Mode], *, on: ChannelPlaces | None = None) -> tuple[Mode, ...]:
         """The modes of the next window, each under its track's name; new ones start a track.
 
-        on   where the shapes' channels are among all, where a window lacks some; None: it has all
+        Parameters
+        ----------
+        modes : sequence of Mode
+            Of the window.
+        on : ChannelPlaces or None, optional
+            Where the shapes' channels are among all, where a window lacks some; None: it has all.
         """
         shapes = [mode.shape if on is None else on.spread(mode.shape) for mode in modes]
         for track in self._tracks:
@@ -291,7 +296,10 @@ def _drift_event(track: Track) -> list[TrackEvent]:
 class ChannelSwapMonitor:
     """Remembers the shapes of a turbine's last good window.
 
-    reference   that window; None: there was none yet
+    Parameters
+    ----------
+    reference : ModalEstimate, optional
+        That window; None: there was none yet.
     """
 
     def __init__(self, reference: ModalEstimate | None = None) -> None:

@@ -66,15 +66,27 @@ def files_of(path: Path) -> tuple[Path, ...]:
 def latest_messages(
     files: Sequence[Path], message_types: Sequence[type], *, horizon: float
 ) -> tuple[Message, ...]:
-    """What was recorded last, in the order of recording: of each turbine, from where its units'
-    blocks since then amount to `horizon` [s] each.
+    """What was recorded last, in the order of recording.
 
-    files           recordings, of which as many are read, from the newest on, as are needed
-    message_types   which to give, blocks among them; what holds for ever (a layout) is given from
-                    every file read
+    Parameters
+    ----------
+    files : sequence of Path
+        Recordings, of which as many are read, from the newest on, as are needed.
+    message_types : sequence of type
+        Which to give, blocks among them; what holds for ever (a layout) is given from every file
+        read.
+    horizon : float
+        Of each turbine, messages are given from where its units' blocks since then amount to this
+        [s] each.
 
-    Blocks are counted, their stamps are not looked at: clocks may have been wrong. Empty where
-    nothing was recorded.
+    Returns
+    -------
+    tuple of Message
+        Empty where nothing was recorded.
+
+    Notes
+    -----
+    Blocks are counted, their stamps are not looked at: clocks may have been wrong.
     """
     kept: list[Message] = []  # the latest first
     covered: dict[tuple[str, str], float] = {}  # turbine, unit → duration of its blocks [s]
@@ -177,7 +189,10 @@ def payloads_backwards(path: Path) -> Iterator[bytes]:
 class Repetition:
     """Knows again what was recorded: as much of each key as its publisher may send once more.
 
-    recorded   payloads of the recorder before; see `latest_payloads`
+    Parameters
+    ----------
+    recorded : iterable of bytes, optional
+        Payloads of the recorder before; see `latest_payloads`.
     """
 
     def __init__(self, recorded: Iterable[bytes] = ()) -> None:
@@ -189,7 +204,14 @@ class Repetition:
     def is_known(self, key: str, payload: bytes, *, kept: int) -> bool:
         """Whether these bytes have been recorded; from now on they are known.
 
-        kept   how many messages of this key are known again
+        Parameters
+        ----------
+        key : str
+            Of the message.
+        payload : bytes
+            The message as it was sent.
+        kept : int
+            How many messages of this key are known again.
         """
         number = hash(payload)
         if number in self._known or number in self._earlier:
@@ -215,7 +237,12 @@ class Repetition:
 def latest_payloads(files: Sequence[Path], count: int = READ_BACK) -> Iterator[bytes]:
     """Return the last so many messages of recordings in order of recording, as they were sent.
 
-    files   in order of recording; read from the end, and no further than needed
+    Parameters
+    ----------
+    files : sequence of Path
+        In order of recording; read from the end, and no further than needed.
+    count : int, optional
+        How many messages.
     """
     backwards = (payload for file in reversed(files) for payload in payloads_backwards(file))
     return reversed(list(islice(backwards, count)))

@@ -193,8 +193,18 @@ def chunk_payloads(record: Record) -> list[bytes]:
 def checked_records(path: Path, file: BinaryIO) -> Iterator[Record]:
     """Yield every record of the data section of a file that must be whole.
 
-    Raises RecordingError after the last good record where the file is damaged, and at the end
-    where its checksum does not hold.
+    Parameters
+    ----------
+    path : Path
+        Of the file, for messages.
+    file : BinaryIO
+        Opened for reading.
+
+    Raises
+    ------
+    RecordingError
+        After the last good record where the file is damaged, and at the end where its checksum does
+        not hold.
     """
     checksum = zlib.crc32(MCAP_MAGIC)
     end = len(MCAP_MAGIC)

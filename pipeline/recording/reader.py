@@ -25,10 +25,22 @@ from pipeline.transport.errors import CodecError
 def read_messages(path: Path, message_types: Sequence[type] | None = None) -> Iterator[Message]:
     """Return what was recorded, in the order of recording.
 
-    message_types   which to give; None: all
+    Parameters
+    ----------
+    path : Path
+        Of the recording.
+    message_types : sequence of type, optional
+        Which to give; None: all.
 
-    Checksums are verified on the way. Raises RecordingError at once where the file is missing,
-    foreign or cut, and on reaching it where a chunk is damaged.
+    Raises
+    ------
+    RecordingError
+        At once where the file is missing, foreign or cut, and on reaching it where a chunk is
+        damaged.
+
+    Notes
+    -----
+    Checksums are verified on the way.
     """
     return _messages(path, _opened_whole(path), message_types)
 

@@ -110,14 +110,26 @@ def _end_of_records(file: object) -> int:
 def thin(path: Path, settings: RecordingSettings, now_ns: int, *, needed: int = 0) -> list[Path]:
     """Let the oldest samples go, results kept, until age and size are within the settings.
 
+    Parameters
+    ----------
+    path : Path
+        Of the recording's first part; files of earlier sessions beside it count too.
+    settings : RecordingSettings
+        Days and gigabytes that are kept.
+    now_ns : int
+        [ns since 1970-01-01 UTC].
+    needed : int, optional
+        Free at least so many bytes, where the settings allow any deletion.
+
+    Returns
+    -------
+    list of Path
+        The parts that went. Each is replaced by its results before it goes.
+
+    Notes
+    -----
     Pictures of past days, which can be drawn again from the samples, go by age, too, and before any
     sample where there is no room.
-
-    path     of the recording's first part; files of earlier sessions beside it count too
-    now_ns   [ns since 1970-01-01 UTC]
-    needed   free at least so many bytes, where the settings allow any deletion
-
-    Returns the parts that went. Each is replaced by its results before it goes.
     """
     gone: list[Path] = []
     if not settings.may_delete:

@@ -67,11 +67,20 @@ def salvaged_name(source: Path) -> Path:
 
 
 def salvage(source: Path, target: Path) -> SalvagedContent:
-    """Write every message of the complete chunks of `source` to a new, whole recording `target`,
-    with the metadata and all times as they were. The source is left as it is.
+    """Write every message of the complete chunks of `source` to a new, whole recording `target`.
 
-    Raises RecordingError where the source is no recording, or the target exists or cannot be
-    written; nothing is left of it then.
+    Parameters
+    ----------
+    source : Path
+        A recording that may be cut or damaged; it is left as it is.
+    target : Path
+        The new recording, with the metadata and all times as they were.
+
+    Raises
+    ------
+    RecordingError
+        If the source is no recording, or the target exists or cannot be written; nothing is left of
+        it then.
     """
     with open_recording(source) as file:
         remains = Remains()

@@ -79,18 +79,31 @@ def stated_blocks(path: Path) -> int:
 class SessionRecorder:
     """Records into `path`, then `path`'s next parts; each is a whole recording by itself.
 
-    path       of the first part. What an earlier recorder left unfinished is closed first, and
-               recording goes on in the next part: nothing is overwritten, nor recorded twice
-    metadata   stored in every part
-    clock      → time of receiving [ns since 1970-01-01 UTC]
-    settings   when a part ends, what is kept, how much room is left on the disk
-    free       → free bytes on the disk of a folder
-    live       the units measure now: their stamps are checked against the clock
+    Parameters
+    ----------
+    path : Path
+        Of the first part. What an earlier recorder left unfinished is closed first, and recording
+        goes on in the next part: nothing is overwritten, nor recorded twice.
+    metadata : Metadata
+        Stored in every part.
+    clock : callable
+        → time of receiving [ns since 1970-01-01 UTC].
+    settings : RecordingSettings, optional
+        When a part ends, what is kept, how much room is left on the disk.
+    free : callable, optional
+        → free bytes on the disk of a folder.
+    live : bool, optional
+        The units measure now: their stamps are checked against the clock.
 
+    Raises
+    ------
+    RecordingError
+        If no file can be made.
+
+    Notes
+    -----
     A disk that is full, and that retention may not or cannot relieve, ends the recording, not the
     session: the part is closed, `warnings` says so and `lost` counts the blocks since.
-
-    Raises RecordingError where no file can be made.
     """
 
     name = "recorder"

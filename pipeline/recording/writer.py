@@ -43,18 +43,29 @@ class RecorderSettings:
 class Recorder:
     """Writes messages to `path`, one MCAP channel for each key.
 
-    path       `path` + ".active" until `close`, so that a finished recording has its whole name;
-               neither may exist before
-    metadata   scenario, seed, version, truth, …: what is needed to run the recording again
-    clock      gives the time of receiving [ns since 1970-01-01 UTC], which becomes the log time
-               and ages the chunks; None for a recording that is computed rather than received:
-               the messages' own times then take its place and the same messages give the same
-               file
+    Parameters
+    ----------
+    path : Path
+        `path` + ".active" until `close`, so that a finished recording has its whole name; neither
+        may exist before.
+    metadata : Metadata
+        Scenario, seed, version, truth, …: what is needed to run the recording again.
+    clock : callable or None
+        Gives the time of receiving [ns since 1970-01-01 UTC], which becomes the log time and ages
+        the chunks; None for a recording that is computed rather than received: the messages' own
+        times then take its place and the same messages give the same file.
+    settings : RecorderSettings, optional
+        The defaults where left out.
 
+    Raises
+    ------
+    RecordingError
+        If the file cannot be made.
+
+    Notes
+    -----
     The publish time is the message's own (`time_of`). The schemas in the file describe every
     message; `read_messages` gives back exactly what was recorded.
-
-    Raises RecordingError where the file cannot be made.
     """
 
     name = "recorder"
@@ -210,10 +221,25 @@ class Recorder:
 def whole_recording(
     path: Path, *, metadata: Metadata, settings: RecorderSettings | None = None
 ) -> Iterator[Recorder]:
-    """A recording that is there in the end, or not at all where what is written fails; where it is
-    interrupted, what was written can be salvaged.
+    """A recording that is there in the end, or not at all where what is written fails.
 
-    Raises RecordingError where the file exists or cannot be written.
+    Parameters
+    ----------
+    path : Path
+        Of the recording.
+    metadata : Metadata
+        Stored in it.
+    settings : RecorderSettings, optional
+        The defaults where left out.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be written.
+
+    Notes
+    -----
+    Where it is interrupted, what was written can be salvaged.
     """
     recorder = Recorder(path, metadata=metadata, clock=None, settings=settings)
     try:

@@ -70,6 +70,15 @@ def deterministic_update(
 ) -> tuple[Descent, ...]:
     """Nelder and Mead's simplex from γ K0 of every start γ, in the order given.
 
+    Parameters
+    ----------
+    objective : ModalObjective
+        What is minimised.
+    starts : sequence of float, optional
+        γ of all three springs [-]; the publication's by default.
+
+    Notes
+    -----
     The first simplex has 5 % longer edges than the start's coordinates, as in fminsearch, which
     knows no bounds.
     """

@@ -246,8 +246,16 @@ def paired_blind(
 ) -> tuple[dict[str, Mode], FloatArray]:
     """Find the publication's modes among the identified ones as the product does.
 
-    The truth is not known to it: the search goes over the whole prior, against every mode that the
-    sensors can see.
+    Parameters
+    ----------
+    estimate : ModalEstimate
+        Of the window.
+    model : ModalModel
+        Every mode of which the sensors can see is searched.
+    prior : Prior
+        The search goes over the whole of it.
+    generator : numpy.random.Generator
+        For the search.
 
     Returns
     -------
@@ -255,6 +263,10 @@ def paired_blind(
         Label → identified mode, of the eleven that were found, lowest frequency first.
     ndarray, shape (3,)
         Ratios k / nominal at which they were paired: where the samplers begin.
+
+    Notes
+    -----
+    The truth is not known to it.
     """
     evidence = ModalEvidence(channels=estimate.channels).with_estimate(estimate)
     matcher = Matcher(

@@ -31,8 +31,22 @@ def make_folder(out: Path) -> None:
 def prepare_folder(source: Source, out: Path) -> Source:
     """Make the folder and set an earlier session's files in it aside, under their date.
 
-    Returns the source, which may be one of the files set aside. Raises InputError where the
-    folder cannot be made.
+    Parameters
+    ----------
+    source : Source
+        What the session reads.
+    out : Path
+        The folder.
+
+    Returns
+    -------
+    Source
+        The source, which may be one of the files set aside.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made.
     """
     make_folder(out)
     for whole in close_leftovers(out / RECORDING):

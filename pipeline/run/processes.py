@@ -21,7 +21,16 @@ def processes(
 ) -> list[SupervisedProcess]:
     """Return the node in a process, or its shares of the turbines in one each.
 
-    inherited   file descriptors that the processes keep open, such as the folder's lock
+    Parameters
+    ----------
+    plan : Plan
+        Of the node.
+    command : sequence of str
+        That runs the node.
+    shards : int
+        How many processes share the turbines.
+    inherited : sequence of int, optional
+        File descriptors that the processes keep open, such as the folder's lock.
     """
     if shards == 1 or plan.name not in SHARED:
         return [SupervisedProcess(plan.node, command, inherited=inherited)]

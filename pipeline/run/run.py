@@ -221,10 +221,23 @@ def _sinks_beside(options: SessionOptions, stack: ExitStack) -> Iterator[Node]:
 def session_outputs(
     source: Source, options: SessionOptions, earlier: tuple[Path, ...] = (), *, epoch: int = 0
 ) -> Outputs:
-    """Return the files and viewers of a session. Raises ViewerError where rerun is missing.
+    """Return the files and viewers of a session.
 
-    earlier   recordings in which nodes find what they have not answered yet
-    epoch     number of the run, by its folder's lock
+    Parameters
+    ----------
+    source : Source
+        What the session reads.
+    options : SessionOptions
+        What the session writes and shows.
+    earlier : tuple of Path, optional
+        Recordings in which nodes find what they have not answered yet.
+    epoch : int, optional
+        Number of the run, by its folder's lock.
+
+    Raises
+    ------
+    ViewerError
+        If rerun is missing.
     """
     views: tuple[ViewerOutput, ...] = ()
     if options.rrd:

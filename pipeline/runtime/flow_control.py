@@ -15,9 +15,20 @@ UNACKNOWLEDGED_BLOCKS = 120
 class Credit:
     """Lets a source publish as fast as the slowest node follows.
 
-    takers          names of the nodes that take acceleration blocks
-    unacknowledged  blocks that may be on their way to the slowest of them
+    Parameters
+    ----------
+    takers : iterable of str
+        Names of the nodes that take acceleration blocks.
+    unacknowledged : int
+        Blocks that may be on their way to the slowest of them.
 
+    Raises
+    ------
+    ValueError
+        If `unacknowledged` is less than 1.
+
+    Notes
+    -----
     A node acknowledges with `NodeStatus.last_sequence`: every block published up to that one.
     Blocks are counted, not their numbers, so that a gap in a recording holds nothing up.
     """
@@ -31,7 +42,12 @@ class Credit:
     def may_send(self, sequence: int, statuses: Iterable[NodeStatus]) -> bool:
         """Whether the block of this number may be published now; if so, it counts as published.
 
-        statuses   the latest of each node; those of others do not matter
+        Parameters
+        ----------
+        sequence : int
+            Number of the block.
+        statuses : iterable of NodeStatus
+            The latest of each node; those of others do not matter.
         """
         for status in statuses:
             _acknowledge(self._on_their_way.get(status.node), status.last_sequence)
@@ -99,10 +115,16 @@ class Unarrived:
 def is_drained(statuses: Iterable[NodeStatus], consumers: Mapping[str, Sequence[type]]) -> bool:
     """Whether every message that was published has been handled by every node that takes it.
 
-    statuses    the latest of each node, and of the source after its last message; of several of
-                one node the last counts
-    consumers   node name → message types that it takes; NodeStatus, which never ends, is left out
+    Parameters
+    ----------
+    statuses : iterable of NodeStatus
+        The latest of each node, and of the source after its last message; of several of one node
+        the last counts.
+    consumers : mapping of str to sequence of type
+        Node name → message types that it takes; NodeStatus, which never ends, is left out.
 
+    Notes
+    -----
     Why the latest statuses are enough, though each is from another moment: a node that gives more
     than its status reports must have taken more than its status reports, and so on upstream until
     the source, which has ended. Blocks known to be lost count as handled.

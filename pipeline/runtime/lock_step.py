@@ -17,9 +17,14 @@ from sensors.arrays import one_blas_thread
 class NodeAccount:
     """Counts what a node takes and gives, and how long it is busy.
 
-    node      the node
-    turbine   id that the status is published under
-    clock     → time [ns since 1970]; an argument, so that nodes and tests need none
+    Parameters
+    ----------
+    node : Node
+        The node.
+    turbine : str
+        Id that the status is published under.
+    clock : callable
+        → time [ns since 1970]; an argument, so that nodes and tests need none.
     """
 
     def __init__(self, node: Node, turbine: str, clock: Callable[[], int]) -> None:
@@ -40,8 +45,15 @@ class NodeAccount:
     def handle(self, message: Message, payload: bytes | None = None) -> Iterator[Message]:
         """Yield the node's answers to one message, in order, each as soon as the node gives it.
 
-        payload   the bytes that it came in, where they are known
+        Parameters
+        ----------
+        message : Message
+            The next one.
+        payload : bytes, optional
+            The bytes that it came in, where they are known.
 
+        Notes
+        -----
         What a node does after its last answer, such as writing a checkpoint, it does when that
         answer has been passed on. The message counts as taken when the answers are exhausted.
         """
@@ -81,12 +93,20 @@ class NodeAccount:
         malformed: int = 0,
         refusal: str = "",
     ) -> NodeStatus:
-        """Return what the node would say of itself now.
+        """Return what the node reports of itself now.
 
-        lost        blocks that its subscription knows to be lost
-        recovered   blocks that came when their link was back
-        malformed   messages that were dropped before they reached it
-        refusal     of the last of them: where it came and what was wrong
+        Parameters
+        ----------
+        state : str
+            Of the node.
+        lost : int, optional
+            Blocks that its subscription knows to be lost.
+        recovered : int, optional
+            Blocks that came when their link was back.
+        malformed : int, optional
+            Messages that were dropped before they reached it.
+        refusal : str, optional
+            Of the last of them: where it came and what was wrong.
         """
         counts: NodeStatistics = self.node.statistics
         warnings = counts.warnings

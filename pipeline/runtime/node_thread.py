@@ -116,6 +116,21 @@ def serve(
 ) -> None:
     """Give a node its messages and publish its answers, until `stopping` is set and all is done.
 
+    Parameters
+    ----------
+    node : Node
+        To be served.
+    bus : Bus
+        That messages come and answers go by.
+    turbine : str
+        In the node's statuses.
+    stopping : threading.Event
+        Ends it.
+    monotonic : callable, optional
+        Clock of the freed memory [s].
+
+    Notes
+    -----
     What is not done DRAINED_WITHIN after that is left: a node that is started again finds it where
     it is recorded.
     """

@@ -47,13 +47,31 @@ def run_workers(
 ) -> None:
     """Start the workers, give them the source, and stop them in the order of the flow.
 
-    source                  None: live, the instruments publish; runs until `stopping` is set
-    unacknowledged_blocks   blocks published ahead of the slowest node; None: never wait
-    stopping                ends the run early, with everything closed
+    Parameters
+    ----------
+    source : iterable of Message or None
+        None: live, the instruments publish; runs until `stopping` is set.
+    workers : sequence of Worker
+        In the order of the flow.
+    bus : Bus
+        That the source is published on.
+    turbine : str
+        In the source's statuses.
+    unacknowledged_blocks : int or None
+        Blocks published ahead of the slowest node; None: never wait.
+    report : callable, optional
+        Called with each block that is published.
+    stopping : threading.Event, optional
+        Ends the run early, with everything closed.
 
+    Raises
+    ------
+    NodeFailed
+        If a node ends with an exception; the others are closed first.
+
+    Notes
+    -----
     A run whose source has ended has time: a viewer that is killed leaves pictures without an end.
-
-    Raises NodeFailed when a node ends with an exception; the others are closed first.
     """
     ended = stopping or threading.Event()
     patience = STOPPED_WITHIN

@@ -76,8 +76,19 @@ class SnapshotFolder:
     def write(self, turbine: str, snapshot: NodeSnapshot) -> None:
         """Replace the turbine's snapshot in one step, the bytes on disk before the name.
 
-        Raises OSError where the disk refuses; the one before is then still there. Raises
-        FencedError where a later run has written one.
+        Parameters
+        ----------
+        turbine : str
+            Its id.
+        snapshot : NodeSnapshot
+            Of its node.
+
+        Raises
+        ------
+        OSError
+            If the disk refuses; the one before is then still there.
+        FencedError
+            If a later run has written one.
         """
         path = self.file_of(turbine)
         try:

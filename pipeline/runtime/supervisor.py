@@ -49,12 +49,20 @@ class BackOff:
 class SupervisedProcess:
     """A node in a process of its own, started with a command; SIGTERM ends it cleanly.
 
-    node      whose name and inputs it has
-    command   starts the process; it should stop when its standard input ends
-    back_off  how long to wait before starting it again
-    clock     → [s], never set back
-    name      of the node in this process; "" for its class's
-    inherited file descriptors that the process keeps open
+    Parameters
+    ----------
+    node : type of Node
+        Whose name and inputs it has.
+    command : sequence of str
+        Starts the process; it should stop when its standard input ends.
+    back_off : BackOff, optional
+        How long to wait before starting it again.
+    clock : callable, optional
+        → [s], never set back.
+    name : str, optional
+        Of the node in this process; "" for its class's.
+    inherited : sequence of int, optional
+        File descriptors that the process keeps open.
     """
 
     def __init__(
@@ -162,8 +170,13 @@ class SupervisedProcess:
 def stopped_with_parent(stopping: threading.Event, descriptor: int = STANDARD_INPUT) -> None:
     """Set `stopping` when the parent, which holds the other end of a pipe, is gone.
 
-    descriptor   of the reading end. It is read without Python's buffer, whose lock a thread that
-                 still waits would hold when the interpreter ends
+    Parameters
+    ----------
+    stopping : threading.Event
+        That is set.
+    descriptor : int, optional
+        Of the reading end. It is read without Python's buffer, whose lock a thread that still waits
+        would hold when the interpreter ends.
     """
 
     def watch() -> None:

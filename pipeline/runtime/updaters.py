@@ -30,12 +30,22 @@ class Turbines:
         epoch: int = 0,
         earlier: Sequence[Path] = (),
     ) -> None:
-        """
-        layout        of a turbine that is neither in `layouts` nor in the scenario's farm
-        layouts       turbine → its own, where it is not as the scenario's farm has it
-        checkpoints   folder of the updating's snapshots; None: nothing is kept
-        epoch         number of the run that writes them
-        earlier       recordings with estimates that may not have been answered
+        """Remember what every turbine's updater is made of.
+
+        Parameters
+        ----------
+        scenario : Scenario
+            The whole experiment.
+        layout : SensorLayout
+            Of a turbine that is neither in `layouts` nor in the scenario's farm.
+        layouts : mapping of str to SensorLayout
+            Turbine → its own, where it is not as the scenario's farm has it.
+        checkpoints : Path or None
+            Folder of the updating's snapshots; None: nothing is kept.
+        epoch : int, optional
+            Number of the run that writes them.
+        earlier : sequence of Path, optional
+            Recordings with estimates that may not have been answered.
         """
         self._scenario = scenario
         self._layout = layout

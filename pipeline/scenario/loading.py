@@ -141,9 +141,17 @@ def with_overrides(
 def with_sampler(scenario: Scenario, method: str) -> Scenario:
     """Return the scenario with another sampler of the posterior.
 
+    Parameters
+    ----------
+    scenario : Scenario
+        The whole experiment.
+    method : str
+        Name of the sampler.
+
     Raises
     ------
     UpdatingError
+        If there is no such sampler.
     """
     sampling = replace(scenario.updating.sampling, method=method)  # type: ignore[arg-type]
     return replace(scenario, updating=replace(scenario.updating, sampling=sampling))

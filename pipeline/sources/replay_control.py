@@ -131,7 +131,14 @@ class ReplayControl:
         return json.dumps(self.as_json()).encode()
 
     def do(self, action: str, value: float | None = None) -> None:
-        """One of ACTIONS; seek takes a position [s], speed a factor.
+        """Do one of ACTIONS.
+
+        Parameters
+        ----------
+        action : str
+            Its name.
+        value : float, optional
+            seek takes a position [s], speed a factor [-].
 
         Raises
         ------

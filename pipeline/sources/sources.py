@@ -353,6 +353,13 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
 def replayed_with_structure(path: Path, scenario: str | None = None) -> Source:
     """Return what `replayed` does, where there is a structure to update.
 
+    Parameters
+    ----------
+    path : Path
+        Of the recording.
+    scenario : str, optional
+        Name or file; None: the recording's own.
+
     Raises
     ------
     RecordingError, SourceError, ScenarioError
@@ -390,6 +397,15 @@ def record_simulation(
     source: Source, path: Path, *, report: Callable[[AccelerationBlock], None] | None = None
 ) -> None:
     """Write a simulated source to an MCAP file; the same scenario gives the same file.
+
+    Parameters
+    ----------
+    source : Source
+        Simulated.
+    path : Path
+        Of the recording.
+    report : callable, optional
+        Called with each block that is written.
 
     Raises
     ------

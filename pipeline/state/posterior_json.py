@@ -12,15 +12,33 @@ MEDIAN_AND_INTERVAL = ("median", "p05", "p95")
 def posterior_summary(posterior: FoundationPosterior, truth: FoundationTruth | None = None) -> Json:
     """The `posterior` entry: k11, k22, k12, sigma, correlation, ess, rhat; unknown values None.
 
-    figures       of the structure that are uncertain as well, by name; {} where none is
-    correlation   3 × 3, order k11, k22, k12
-    ess, rhat     the smallest and the largest over the parameters
-    change_probability   that the modes have changed since the last event
-    structure            "exact" or "uncertain"
-    budget               figure → share of the variance of ln k11, ln k22, ln k12; {} where exact
-    alternatives         structure → probability; {} where there is one
-    unpredicted_share    of the modes, each predicted by the others
-    relative             springs over those before the last event; {} without one
+    Parameters
+    ----------
+    posterior : FoundationPosterior
+        To be summarised.
+    truth : FoundationTruth, optional
+        The true springs, where they are known.
+
+    Notes
+    -----
+    figures
+        Of the structure that are uncertain as well, by name; {} where none is.
+    correlation
+        3 × 3, order k11, k22, k12.
+    ess, rhat
+        The smallest and the largest over the parameters.
+    change_probability
+        That the modes have changed since the last event.
+    structure
+        "exact" or "uncertain".
+    budget
+        Figure → share of the variance of ln k11, ln k22, ln k12; {} where exact.
+    alternatives
+        Structure → probability; {} where there is one.
+    unpredicted_share
+        Of the modes, each predicted by the others.
+    relative
+        Springs over those before the last event; {} without one.
     """
     summary: Json = {
         name: stiffness_summary(

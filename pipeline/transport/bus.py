@@ -79,10 +79,19 @@ class Bus(Protocol):
     def publish(self, message: Message, payload: bytes | None = None) -> None:
         """Send on the message's key. Never waits for a subscriber.
 
-        payload   the message as it is encoded, where that is known
+        Parameters
+        ----------
+        message : Message
+            To be sent.
+        payload : bytes, optional
+            The message as it is encoded, where that is known.
 
-        Raises CodecError for a message that contradicts itself, TransportError for one whose
-        turbine, unit or node cannot be part of a key.
+        Raises
+        ------
+        CodecError
+            For a message that contradicts itself.
+        TransportError
+            For one whose turbine, unit or node cannot be part of a key.
         """
         ...
 

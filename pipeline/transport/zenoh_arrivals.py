@@ -105,8 +105,12 @@ def beginning(now: float) -> bytes:
 def lost_at_beginning(samples: Sequence[zenoh.Sample], since: float) -> int:
     """Return how many samples before these, a publisher's earliest that can be had, were promised.
 
-    samples   in the order of their numbers, one at least
-    since     when the reader subscribed [s since 1970-01-01 UTC]; the clocks are taken to agree
+    Parameters
+    ----------
+    samples : sequence of zenoh.Sample
+        In the order of their numbers, one at least.
+    since : float
+        When the reader subscribed [s since 1970-01-01 UTC]; the clocks are taken to agree.
     """
     missing, oldest = _number(samples[0]), _published(samples[0])
     began = _began(samples[0])
@@ -142,7 +146,12 @@ def _began(sample: zenoh.Sample) -> float | None:
 def is_recovered(sample: zenoh.Sample, now: float) -> bool:
     """Whether a sample came later after its publishing than what comes by itself.
 
-    now   [s since 1970-01-01 UTC]; the machines' clocks are taken to agree
+    Parameters
+    ----------
+    sample : zenoh.Sample
+        That came.
+    now : float
+        [s since 1970-01-01 UTC]; the machines' clocks are taken to agree.
     """
     published = _published(sample)
     return published is not None and now - published > HEARTBEAT
@@ -187,7 +196,16 @@ class Beginnings:
     def ask(self, publisher: Publisher, first_number: int, begin: _Begin, *, patient: bool) -> None:
         """Have `begin` called with what the publisher still has from before this number.
 
-        patient   something is kept for sure: where nothing comes, ask again before giving up
+        Parameters
+        ----------
+        publisher : Publisher
+            Who is asked.
+        first_number : int
+            Of the first sample that came by itself.
+        begin : callable
+            Called with the samples.
+        patient : bool
+            Something is kept for sure: where nothing comes, ask again before giving up.
         """
         self._asked.put(_Wanted(publisher, first_number, begin, patient))
 

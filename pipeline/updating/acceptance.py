@@ -110,6 +110,17 @@ def refusal(
 ) -> QualityWarning | None:
     """Why these modes are not this structure's; None where a posterior is worth computing.
 
+    Parameters
+    ----------
+    paired_share : float
+        Of the identified modes that have a partner in the model [-].
+    pairing_cost : float
+        Mean cost of a pair [-].
+    settings : AcceptanceSettings
+        With the least share and the highest cost.
+
+    Notes
+    -----
     Where most identified modes find no partner, the few pairs there are have been found by chance,
     and the stiffness they imply is not even roughly right.
     """
@@ -168,7 +179,12 @@ def contradictions(fit: Fit, settings: AcceptanceSettings) -> tuple[QualityWarni
 def contraction(width: float, extent: float) -> float:
     """1 − (90 % interval) / (the uniform prior's 90 % interval); 0 where nothing was learned.
 
-    width    of the 90 % interval;  extent   of the prior from bound to bound, in the same unit
+    Parameters
+    ----------
+    width : float
+        Of the 90 % interval.
+    extent : float
+        Of the prior from bound to bound, in the same unit.
     """
     return float(1.0 - width / (0.9 * extent))
 
@@ -178,10 +194,17 @@ def mode_information(
 ) -> FloatArray:
     """(n_modes,) share of all modes' information on the stiffness, of sum 1.
 
-    jacobian     ∂η / ∂ ratio, (p, 3) [Hz, -]
-    precisions   (p,) of η, floor and discrepancy included
-    groups       (p,) which mode each error belongs to
+    Parameters
+    ----------
+    jacobian : ndarray, shape (p, 3)
+        ∂η / ∂ ratio [Hz, -].
+    precisions : ndarray, shape (p,)
+        Of η, floor and discrepancy included.
+    groups : sequence of int
+        (p,) which mode each error belongs to.
 
+    Notes
+    -----
         share_j = tr(C F_j) / 3,   F_j = Σ_{i in j} w_i J_iᵀ J_i,   C = (Σ_j F_j)⁻¹   (Fisher)
 
     Shares of three parameters' worth of information: what one mode alone could not determine,
@@ -199,10 +222,17 @@ def predictive_misfits(
 ) -> FloatArray:
     """(n_modes,) posterior predictive misfit of each frequency, in standard deviations.
 
-    errors          model minus identified, (n_draws, n_modes) [Hz]
-    variances       of the identified ones, floor and gaps included, (n_modes,) [Hz²]
-    discrepancies   σ² f̄² of the same draws, (n_draws, n_modes) [Hz²]
+    Parameters
+    ----------
+    errors : ndarray, shape (n_draws, n_modes)
+        η, model minus identified [Hz].
+    variances : ndarray, shape (n_modes,)
+        Of the identified ones, floor and gaps included [Hz²].
+    discrepancies : ndarray, shape (n_draws, n_modes)
+        σ² f̄² of the same draws [Hz²].
 
+    Notes
+    -----
         z = mean η / √(variance + mean σ² f̄² + var η)
     """
     spread = variances + discrepancies.mean(axis=0) + errors.var(axis=0)

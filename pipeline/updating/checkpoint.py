@@ -63,10 +63,21 @@ def decoded_checkpoint(
 ) -> S:
     """The state that `encoded_checkpoint` wrote.
 
-    owner    who asks for it
-    origin   where the bytes came from, for the error
+    Parameters
+    ----------
+    payload : bytes
+        The checkpoint.
+    state_type : type
+        Of the state.
+    owner : CheckpointOwner
+        Who asks for it.
+    origin : str, optional
+        Where the bytes came from, for the error.
 
-    Raises CheckpointError: no checkpoint, another version, damaged, another turbine's.
+    Raises
+    ------
+    CheckpointError
+        If it is no checkpoint, another version's, damaged, or another turbine's.
     """
     tree, blob = _unpacked(payload, origin)
     try:

@@ -79,9 +79,17 @@ class Matcher:
     def matched(self, evidence: ModalEvidence, start: FloatArray | None = None) -> Match:
         """Pairing, likelihood and its peak; the pairing is made once more at the peak.
 
-        start   (3,) ratios to look at as well, e.g. the last posterior's median
+        Parameters
+        ----------
+        evidence : ModalEvidence
+            Of all windows.
+        start : ndarray, shape (3,), optional
+            Ratios to look at as well, e.g. the last posterior's median [-].
 
-        Raises EstimateRefused where no mode of the last window has a partner in the model.
+        Raises
+        ------
+        EstimateRefused
+            Where no mode of the last window has a partner in the model.
         """
         match = self._match(evidence, self._search.best(self._targets(evidence), start))
         again, first = self._search.refined(self._targets(match.evidence), match.peak.ratios), match

@@ -255,8 +255,17 @@ def _springs(values: FloatArray) -> str:
 
 
 def log_gaussian(offsets: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(...) log N(offsets; 0, covariance) of (..., d) offsets and (..., d, d) covariances.
+    """(...) log N(offsets; 0, covariance).
 
+    Parameters
+    ----------
+    offsets : ndarray, shape (..., d)
+        From the mean.
+    covariance : ndarray, shape (..., d, d)
+        One for each offset.
+
+    Notes
+    -----
     By Cholesky's factor L and L⁻¹ offsets, column by column for all matrices at once: for thousands
     of matrices of three rows LAPACK spends its time in being called.
     """

@@ -48,11 +48,22 @@ def posterior_message(
 ) -> FoundationPosterior:
     """The posterior after one window.
 
-    estimate   of the window that was the last to enter the evidence
-    draws      of the stiffness that all windows have in common, with which their modes are compared
-    median     (3,) ratios of the same, at which the model's modes are shown; uncertain figures
-               follow
-    now        (n_draws, 4) draws of the stiffness in the estimate's window: what is published
+    Parameters
+    ----------
+    estimate : ModalEstimate
+        Of the window that was the last to enter the evidence.
+    match : Match
+        Pairing and likelihood of all windows.
+    draws : PosteriorDraws
+        Of the stiffness that all windows have in common, with which their modes are compared.
+    median : ndarray, shape (3,)
+        Ratios of the same, at which the model's modes are shown; uncertain figures follow [-].
+    now : ndarray, shape (n_draws, 4)
+        Draws of the stiffness in the estimate's window: what is published [-].
+    prior : Prior
+        Of the ratios.
+    guards : AcceptanceSettings
+        Thresholds of the quality warnings.
     """
     evidence = match.evidence
     modes = match.all_modes.modal(prior.stiffness(median[None]))
@@ -101,9 +112,16 @@ def _fit(match: Match, theta: FloatArray) -> Fit:
 def relative_stiffness(
     logs: FloatArray, stds: FloatArray, reference_ns: int
 ) -> tuple[RelativeStiffness, ...]:
-    """Springs over those of a reference period, from ln of the ratios and their deviations, (3,).
+    """Springs over those of a reference period, from ln of the ratios and their deviations.
 
-    reference_ns   end of the reference period
+    Parameters
+    ----------
+    logs : ndarray, shape (3,)
+        ln of the ratios [-].
+    stds : ndarray, shape (3,)
+        Their standard deviations [-].
+    reference_ns : int
+        End of the reference period [ns].
     """
     ends = np.exp(logs[:, None] + stds[:, None] * HALF_INTERVAL * np.array([-1.0, 0.0, 1.0]))
     return tuple(
@@ -117,8 +135,15 @@ def spring_summaries(
 ) -> tuple[ParameterSummary, ...]:
     """Quantiles of every draw, k in its own unit.
 
-    log_intervals   (3,) widths of 90 % intervals of ln |k| beforehand, where the springs are known
-                    to a factor [-]; None: known within the prior's box
+    Parameters
+    ----------
+    drawn : ndarray, shape (n_draws, 4)
+        Ratios k / nominal, and σ [-].
+    prior : Prior
+        With the nominal springs.
+    log_intervals : ndarray, shape (3,), optional
+        Widths of 90 % intervals of ln |k| beforehand, where the springs are known to a factor [-];
+        None: known within the prior's box.
     """
     values = drawn * np.append(prior.nominal, 1.0)
     bounds = prior.settings

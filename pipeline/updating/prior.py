@@ -101,6 +101,15 @@ class Prior:
     def spread(self, n: int, generator: np.random.Generator) -> FloatArray:
         """(n, 3) supported ratios for a search: half of them uniform, half thick near the edge.
 
+        Parameters
+        ----------
+        n : int
+            How many.
+        generator : numpy.random.Generator
+            That they are drawn with.
+
+        Notes
+        -----
         Towards the edge of positive definiteness the springs' softer direction, of stiffness about
         k22 (1 − c²) with c = k12 / √(k11 k22), goes to zero and takes the lowest modes along; few
         uniform draws fall there. The other half has 1 − c² even in its logarithm, and k11 and k22
@@ -126,8 +135,25 @@ def modal_where_supported(
 ) -> tuple[NDArray[np.bool_], ModesOfStiffness | None]:
     """Which of (n, 3) ratios have a prior above zero, and the modes of those only.
 
-    returns    (n,) admissible; modes of the supported ones (None where there is none). A model
-               evaluation costs a thousand times the box test, so the box comes first.
+    Parameters
+    ----------
+    forward : ForwardModel
+        The structure at the layout's sensors.
+    prior : Prior
+        Of the ratios.
+    ratios : ndarray, shape (n, 3)
+        k / nominal [-].
+
+    Returns
+    -------
+    admissible : ndarray of bool, shape (n,)
+        Where the prior is above zero.
+    modes : ModesOfStiffness or None
+        Of the supported ones; None where there is none.
+
+    Notes
+    -----
+    A model evaluation costs a thousand times the box test, so the box comes first.
     """
     admissible = prior.supports(ratios)
     if not admissible.any():

@@ -67,11 +67,19 @@ class UpdatingState:
         return replace(self, evidence=evidence, recent=(*self.recent, latest)[-RECENT_WINDOWS:])
 
     def restarted(self, start_ns: int, nothing: ModalEvidence) -> "UpdatingState":
-        """With the evidence of the recent windows alone that began at that time or later; their
-        modes keep the tracks they had. nothing: evidence without a window.
+        """With the evidence of the recent windows alone that began at that time or later.
 
-        Where the structure is uncertain, the recent windows before that time become the reference
-        that later posteriors are compared with.
+        Parameters
+        ----------
+        start_ns : int
+            That time [ns].
+        nothing : ModalEvidence
+            Evidence without a window.
+
+        Notes
+        -----
+        Their modes keep the tracks they had. Where the structure is uncertain, the recent windows
+        before that time become the reference that later posteriors are compared with.
         """
         evidence = replace(nothing, n_tracks=self.evidence.n_tracks)
         recent = tuple(each for each in self.recent if each.start_ns >= start_ns)

@@ -68,15 +68,30 @@ class FoundationUpdater:
         population: StiffnessPopulation | None = None,
         joint: JointInference | None = None,
     ) -> None:
-        """
-        forward      the structure at this layout's sensors
-        seed         the scenario's; with the window's number it decides every random choice,
-                     wherever and in whatever order nodes run
-        population   what a farm's other turbines imply of this one's springs; None: uniform prior
-        joint        infers the structure's figures with the springs (`joint_inference`, which knows
-                     the population too); None: the structure is exact
+        """Prepare the updating of one turbine.
 
-        Raises UpdatingError, also for a population of foundations about another nominal one.
+        Parameters
+        ----------
+        forward : ForwardModel
+            The structure at this layout's sensors.
+        layout : SensorLayout
+            Where the sensors are.
+        settings : UpdatingSettings, optional
+            The defaults where left out.
+        seed : int, optional
+            The scenario's; with the window's number it decides every random choice, wherever and in
+            whatever order nodes run.
+        population : StiffnessPopulation, optional
+            What a farm's other turbines imply of this one's springs; None: uniform prior.
+        joint : JointInference, optional
+            Infers the structure's figures with the springs (`joint_inference`, which knows the
+            population too); None: the structure is exact.
+
+        Raises
+        ------
+        UpdatingError
+            If the settings name a mode that these sensors do not see, or the population is of
+            foundations about another nominal one.
         """
         if population is not None:
             population.require_nominal(forward.nominal)
@@ -106,12 +121,24 @@ class FoundationUpdater:
         return encoded_checkpoint(state, self._owner)
 
     def restored(self, checkpoint: bytes, *, origin: str = "checkpoint") -> UpdatingState:
-        """The state that `saved` wrote: with it the next windows give the same posteriors, bit for
-        bit, that they would have given without the interruption.
+        """The state that `saved` wrote.
 
-        origin   where the bytes came from, for the error
+        Parameters
+        ----------
+        checkpoint : bytes
+            As `saved` returned it.
+        origin : str, optional
+            Where the bytes came from, for the error.
 
-        Raises CheckpointError: no checkpoint, damaged, another version's or another turbine's.
+        Raises
+        ------
+        CheckpointError
+            If it is no checkpoint, damaged, another version's or another turbine's.
+
+        Notes
+        -----
+        With it the next windows give the same posteriors, bit for bit, that they would have given
+        without the interruption.
         """
         return decoded_checkpoint(checkpoint, UpdatingState, self._owner, origin=origin)
 
@@ -131,9 +158,24 @@ class FoundationUpdater:
     def watched(
         self, state: UpdatingState, estimate: ModalEstimate
     ) -> tuple[UpdatingState, tuple[FoundationEvent | FoundationPosterior | WindowRejected, ...]]:
-        """State after one more window; an event where the structure has changed, and the posterior
-        of the stiffness in this window.
+        """State after one more window; an event where the structure has changed, and the posterior.
 
+        Parameters
+        ----------
+        state : UpdatingState
+            After the window before.
+        estimate : ModalEstimate
+            Of the window.
+
+        Returns
+        -------
+        state : UpdatingState
+            As it was for an estimate that cannot be used.
+        messages : tuple of FoundationEvent, FoundationPosterior and WindowRejected
+            The posterior is that of the stiffness in this window.
+
+        Notes
+        -----
         After an event the evidence starts again with the first window after the change: before and
         after have no stiffness in common.
 
@@ -153,6 +195,22 @@ class FoundationUpdater:
     ) -> tuple[UpdatingState, FoundationEvent | WindowRejected | None]:
         """What `watched` does before its posterior: the window's sums alone, without a posterior.
 
+        Parameters
+        ----------
+        state : UpdatingState
+            After the window before.
+        estimate : ModalEstimate
+            Of the window.
+
+        Returns
+        -------
+        state : UpdatingState
+            As it was for an estimate that cannot be used.
+        message : FoundationEvent, WindowRejected or None
+            None where nothing has changed.
+
+        Notes
+        -----
         The springs' influence on the frequencies, by which changes are detected, stays that of the
         last posterior in the state.
         """

@@ -109,8 +109,13 @@ class SensorLayout:
 def joined_layout(layouts: Sequence[SensorLayout]) -> SensorLayout:
     """Return all channels of a turbine's units as one layout; a single one is itself.
 
-    layouts   of different units
+    Parameters
+    ----------
+    layouts : sequence of SensorLayout
+        Of different units.
 
+    Notes
+    -----
     Where two units use one channel name, as loggers of one make do, every channel is called after
     its unit too: "lower/x", "upper/x".
     """

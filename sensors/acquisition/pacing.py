@@ -31,9 +31,17 @@ class Clock(Protocol):
 class Pace:
     """Lets sensor time go by `speed` times as fast as the clock, from the first time given.
 
-    speed   1: real time; n: n times faster; infinity: no waiting [-]
+    Parameters
+    ----------
+    speed : float
+        1: real time; n: n times faster; infinity: no waiting [-].
+    clock : Clock
+        That waits.
 
-    Raises InputError for a speed that is not positive.
+    Raises
+    ------
+    InputError
+        For a speed that is not positive.
     """
 
     def __init__(self, speed: float, clock: Clock) -> None:
@@ -67,7 +75,14 @@ def paced(
 ) -> Iterator[_T]:
     """Yield the messages in their order, each when its sensor time has come.
 
-    time_of   sensor time at which a message is due [ns], e.g. the end of a block; None: at once
+    Parameters
+    ----------
+    messages : iterable
+        Of any type.
+    pace : Pace
+        Waits until a sensor time.
+    time_of : callable
+        Message → sensor time at which it is due [ns], e.g. the end of a block; None: at once.
     """
     for message in messages:
         time_ns = time_of(message)

@@ -24,7 +24,12 @@ class _Source:
     def time_of(self, message: AccelerationBlock | ScadaSample, now: int | None) -> int:
         """Logical time [ns]: the stamp, but for steps against the sample count.
 
-        now   logical time of the newest message of any source
+        Parameters
+        ----------
+        message : AccelerationBlock or ScadaSample
+            The next of this source.
+        now : int or None
+            Logical time of the newest message of any source [ns].
         """
         stamp = message.time_ns if isinstance(message, ScadaSample) else message.start_ns
         expected = self._expected(message)
@@ -65,11 +70,16 @@ class _Source:
 class ReplayedTower:
     """What a recording holds of the sensors and the controller, as the tower gave it.
 
-    recorded        layouts, blocks and SCADA samples in the order in which they were recorded; a
-                    link that was cut and restored delivers blocks late, so that is not yet the
-                    order of time
-    latest_blocks   how many messages too late one may have been recorded
+    Parameters
+    ----------
+    recorded : iterable of AccelerationBlock, SensorLayout and ScadaSample
+        In the order in which they were recorded; a link that was cut and restored delivers blocks
+        late, so that is not yet the order of time.
+    latest_blocks : int, optional
+        How many messages too late one may have been recorded.
 
+    Notes
+    -----
     Iterating gives every layout when it is met and everything else, unchanged, in the order of
     logical time: of the sensor clock, but where its stamps step against the sample count, of the
     count. Nothing is filled in: blocks that were not recorded stay missing, and the sequence

@@ -12,14 +12,24 @@ ON_A_SAMPLE = 1e-6  # distance from a sample that counts as none [samples]
 def interpolated(samples: FloatArray, positions: FloatArray, *, band: float = 1.0) -> FloatArray:
     """Return the signal at fractional positions, (m, n_channels).
 
-    samples     (n, n_channels), evenly spaced; NaN spreads over the kernel's length
-    positions   (m,) counted in samples from the first, 0 to n − 1
-    band        of the output over the input's: its sampling rate over theirs where it is lower,
-                which keeps what lies above from folding back [-]
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Evenly spaced, each channel in its own unit; NaN spreads over the kernel's length.
+    positions : ndarray, shape (m,)
+        Counted in samples from the first, 0 to n − 1.
+    band : float, optional
+        Of the output over the input's: its sampling rate over theirs where it is lower, which keeps
+        what lies above from folding back [-].
 
+    Notes
+    -----
     A windowed sinc (Kaiser), good to about 1e-3 below .45 of the narrower sampling rate; beyond
-    either end the signal counts as constant. Source: Smith and Gossett (1984), "A flexible
-    sampling-rate conversion method", ICASSP.
+    either end the signal counts as constant.
+
+    References
+    ----------
+    Smith and Gossett (1984), "A flexible sampling-rate conversion method", ICASSP.
     """
     band = min(band, 1.0)
     nearest = np.round(positions)

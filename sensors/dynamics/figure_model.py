@@ -45,10 +45,7 @@ BASIS_MARGIN = 1.12  # a basis holds the modes to this multiple of the highest f
 
 
 class FigureModel:
-    """Modes that the sensors can see for springs θ, departures of figures and water levels.
-
-    names   of the figures, in the order of their departures
-    """
+    """Modes that the sensors can see for springs θ, departures of figures and water levels."""
 
     def __init__(
         self,
@@ -60,10 +57,28 @@ class FigureModel:
         blades: BladeMesh = "converged",
         seed: int = 0,
     ) -> None:
-        """Tubes are refined; blades are converged, or as described, one mode of an element being
-        what the reduced blade of a definition has.
+        """Build the reduced basis of a structure and its sensors.
 
-        Raises TurbineError.
+        Parameters
+        ----------
+        turbine : TurbineDescription
+            Its tubes are refined.
+        layout : SensorLayout
+            What the modes are read by.
+        names : sequence of str
+            Of the figures that may be off, in the order of their departures.
+        highest_frequency : float, optional
+            Of the modes [Hz].
+        blades : {"described", "converged"}, optional
+            Converged, or as described, one mode of an element being what the reduced blade of a
+            definition has.
+        seed : int, optional
+            Of the points whose modes span the basis.
+
+        Raises
+        ------
+        TurbineError
+            If no structure can be built from the description.
         """
         self.described = turbine
         self.turbine = turbine
@@ -193,9 +208,14 @@ class FigureModel:
     def modes(self, theta: FloatArray, departures: FloatArray, levels: FloatArray) -> FigureModes:
         """The visible modes at many points.
 
-        theta        θ, (n, 3) [N/m, N·m/rad, N/rad]
-        departures   (n, q) of the figures, in their units
-        levels       (n,) of the water above the description's [m]
+        Parameters
+        ----------
+        theta : ndarray, shape (n, 3)
+            θ [N/m, N·m/rad, N/rad].
+        departures : ndarray, shape (n, q)
+            Of the figures, in their units.
+        levels : ndarray, shape (n,)
+            Of the water above the description's [m].
         """
         admissible = positive_definite(theta)
         parts = [
@@ -267,7 +287,16 @@ class FigureModel:
     ) -> Linearisation | None:
         """Modes and derivatives at one point; None where it is not admissible.
 
-        placement   where the sensors are; None: as the layout states
+        Parameters
+        ----------
+        theta : ndarray, shape (3,)
+            θ [N/m, N·m/rad, N/rad].
+        departures : ndarray, shape (q,)
+            Of the figures, in their units.
+        level : float
+            Of the water above the description's [m].
+        placement : Placement, optional
+            Where the sensors are; None: as the layout states.
         """
         placement = placement or Placement.as_stated(len(self.layout.channels))
         if not bool(positive_definite(theta)):

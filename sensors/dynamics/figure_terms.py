@@ -60,8 +60,14 @@ def figure_terms(
 ) -> FigureTerms:
     """Take a structure apart by its figures.
 
-    names    of the figures that may be off; the others are as described
-    levels   of the water above the description's, rising [m]
+    Parameters
+    ----------
+    turbine : TurbineDescription
+        The structure.
+    names : sequence of str
+        Of the figures that may be off; the others are as described.
+    levels : ndarray, shape (n_levels,)
+        Of the water above the description's, rising [m].
     """
     return _Parts(turbine, frozenset(names)).terms(levels)
 

@@ -200,7 +200,18 @@ def visible_modes(
 ) -> ReferenceModes:
     """Return the modes that the sensors can see, labelled.
 
-    Visible is a mode up to the highest frequency [Hz] whose largest displacement at a sensor, at
+    Parameters
+    ----------
+    model : StructuralModel
+        Of the turbine whose description names reference modes.
+    layout : SensorLayout
+        Where the sensors are.
+    highest_frequency : float
+        Of a visible mode [Hz].
+
+    Notes
+    -----
+    Visible is a mode up to the highest frequency whose largest displacement at a sensor, at
     unit modal mass, reaches VISIBLE_SHARE of the largest of all modes. First the description's
     reference modes under their own names, then the others, numbered on by frequency.
     """

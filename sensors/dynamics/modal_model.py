@@ -210,7 +210,16 @@ class ModalModel:
         *,
         highest_frequency: float = 12.5,
     ) -> None:
-        """highest_frequency [Hz]: of the modes that are labelled.
+        """Build the model; the modes of the description are labelled as its sensors see them.
+
+        Parameters
+        ----------
+        description : TurbineDescription
+            The structure with its own foundation.
+        layout : SensorLayout
+            Where the sensors are.
+        highest_frequency : float, optional
+            Of the modes that are labelled [Hz].
 
         Raises
         ------

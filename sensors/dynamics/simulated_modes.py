@@ -56,15 +56,26 @@ class StructureModes:
 def structure_modes(
     model: StructuralModel, damping: ModalDamping, *, highest_frequency: float
 ) -> StructureModes:
-    """Modes of the full model up to a frequency [Hz], from M φ = K φ / ω².
+    """Modes of the full model up to a frequency, from M φ = K φ / ω².
 
-    Solved for 1/ω², the lowest modes are the largest eigenvalues and keep eleven digits beside
-    axial modes 10⁵ times as high; for ω² they would keep six.
+    Parameters
+    ----------
+    model : StructuralModel
+        Mass and stiffness.
+    damping : ModalDamping
+        Of a mode by where its kinetic energy is.
+    highest_frequency : float
+        Of a mode [Hz].
 
     Raises
     ------
     TurbineError
         If the structure is unstable: springs too soft for its weight.
+
+    Notes
+    -----
+    Solved for 1/ω², the lowest modes are the largest eigenvalues and keep eleven digits beside
+    axial modes 10⁵ times as high; for ω² they would keep six.
     """
     try:
         flexibilities, vectors = eigh(

@@ -33,7 +33,14 @@ _SEPARATORS = (";", "\t", ",")  # the first that a header has
 class CsvTailFeed:
     """The rows of one growing file.
 
-    once   give up where the file is not there at the start
+    Parameters
+    ----------
+    address : FeedAddress
+        Of the file, with its options.
+    reader : ScadaReader
+        Of the rows.
+    once : bool
+        Give up where the file is not there at the start.
     """
 
     def __init__(self, address: FeedAddress, reader: ScadaReader, *, once: bool) -> None:

@@ -18,8 +18,14 @@ Measured = AccelerationBlock | ScadaSample
 class LiveFeed:
     """One instrument: its feed, and what puts its channels together.
 
-    assembler   None: the feed gives no accelerations
-    position    how far the source was published before
+    Parameters
+    ----------
+    feed : Feed
+        Of the instrument.
+    assembler : Assembler or None
+        None: the feed gives no accelerations.
+    position : FeedPosition, optional
+        How far the source was published before.
     """
 
     def __init__(

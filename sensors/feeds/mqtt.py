@@ -69,14 +69,26 @@ class Reader(Protocol):
 class MqttFeed:
     """Messages of one topic filter of one broker.
 
-    reader   of the messages
-    counts   that the reader writes too
-    once     give up where the broker cannot be reached at the start
-    journal  of messages that are not published yet; with one the broker keeps what comes while
-             this feed is away, also without client=NAME
-    asking   gives what is to be published in turn: topics and payloads
+    Parameters
+    ----------
+    address : FeedAddress
+        Of the broker, with the topic filter and options.
+    reader : Reader
+        Of the messages.
+    counts : FeedCounts
+        That the reader writes too.
+    once : bool
+        Give up where the broker cannot be reached at the start.
+    journal : MessageJournal, optional
+        Of messages that are not published yet; with one the broker keeps what comes while this feed
+        is away, also without client=NAME.
+    asking : callable, optional
+        Gives what is to be published in turn: topics and payloads.
 
-    Raises FeedError where aiomqtt is missing, and for options that are none.
+    Raises
+    ------
+    FeedError
+        If aiomqtt is missing, and for options that are none.
     """
 
     def __init__(
@@ -322,8 +334,14 @@ def _kept_for_ever(wanted: bool) -> Any:
 class SamplesReader:
     """Accelerations in any of the formats.
 
-    address   its options choose
-    names     of the layout's channels
+    Parameters
+    ----------
+    address : FeedAddress
+        Its options choose.
+    names : tuple of str
+        Of the layout's channels.
+    counts : FeedCounts
+        Takes what the format's reader counts.
     """
 
     def __init__(self, address: FeedAddress, names: tuple[str, ...], counts: FeedCounts) -> None:

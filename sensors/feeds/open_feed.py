@@ -37,12 +37,23 @@ def open_feed(
 ) -> LiveFeed:
     """Return the feed that a URL names; nothing is connected before it is read.
 
-    layout    of its channels
-    turbine   that it belongs to; None: the layout's
-    once      give up where nothing can be reached at the start
-    state     folder where it is remembered how far the source was published; None: nowhere
+    Parameters
+    ----------
+    text : str
+        The URL.
+    layout : LayoutFile
+        Of its channels.
+    turbine : str, optional
+        That it belongs to; None: the layout's.
+    once : bool, optional
+        Give up where nothing can be reached at the start.
+    state : Path, optional
+        Folder where it is remembered how far the source was published; None: nowhere.
 
-    Raises FeedError for a URL that cannot be understood, and for a package that is missing.
+    Raises
+    ------
+    FeedError
+        For a URL that cannot be understood, and for a package that is missing.
     """
     address = parsed(text)
     layout = layout if turbine is None else replace(layout, turbine=turbine)

@@ -21,11 +21,21 @@ async def kept_connected(
 ) -> None:
     """Run sessions of a link, one after the other, for ever.
 
-    session   connects, records it in the counts, and takes what comes; LinkError ends it
-    name      what to call the link
-    once      give up where the first session cannot connect
+    Parameters
+    ----------
+    session : callable
+        Connects, records it in the counts, and takes what comes; LinkError ends it.
+    name : str
+        What to call the link.
+    counts : FeedCounts
+        Whose `connections` show that a session has connected.
+    once : bool
+        Give up where the first session cannot connect.
 
-    Raises FeedError then.
+    Raises
+    ------
+    FeedError
+        If `once` and the first session cannot connect.
     """
     attempt = 0
     while True:

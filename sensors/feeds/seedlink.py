@@ -207,11 +207,21 @@ def stations_of(address: FeedAddress) -> list[Station]:
 class SeedLinkFeed:
     """The records of some stations of one server.
 
-    once   give up where the server cannot be reached at the start
-    quiet  after so long without a packet the server is asked whether it lives [s]
-    position  how far it was published before
+    Parameters
+    ----------
+    address : FeedAddress
+        Of the server, with the stations.
+    once : bool
+        Give up where the server cannot be reached at the start.
+    quiet : float, optional
+        After so long without a packet the server is asked whether it lives [s].
+    position : FeedPosition, optional
+        How far it was published before.
 
-    Raises FeedError where pymseed is missing, and for stations that are none.
+    Raises
+    ------
+    FeedError
+        If pymseed is missing, and for stations that are none.
     """
 
     def __init__(

@@ -11,9 +11,14 @@ WAITING_MESSAGES = 1000  # between the socket and the inbox; then the socket is 
 class SocketReading:
     """Leaves messages with the broker while too many wait: aiomqtt would drop or gather them.
 
-    It reaches into aiomqtt, hence the narrow version range in pyproject.toml.
+    Parameters
+    ----------
+    connection : aiomqtt.Client
+        That is not connected yet.
 
-    connection   an aiomqtt client that is not connected yet
+    Notes
+    -----
+    It reaches into aiomqtt, hence the narrow version range in pyproject.toml.
     """
 
     def __init__(self, connection: Any) -> None:

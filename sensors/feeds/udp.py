@@ -25,7 +25,12 @@ RECEIVE_BUFFER = 4 * 2**20  # asked of the system for datagrams that wait [bytes
 class UdpFeed:
     """Frames that come to one UDP port.
 
-    names   of the layout's channels, for frames that name none
+    Parameters
+    ----------
+    address : FeedAddress
+        Where it listens.
+    names : tuple of str
+        Of the layout's channels, for frames that name none.
     """
 
     def __init__(self, address: FeedAddress, names: tuple[str, ...]) -> None:

@@ -78,9 +78,20 @@ def open_file(
 ) -> tuple[MeasurementFile, ChannelTable]:
     """Return a file and its first chunk.
 
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    reader : str, optional
+        "package.module:function" that gives SEP005 channels; None: the one of its suffix
+        (`read_chunks`).
+    wanted : Wanted, optional
+        What of it is read; everything by default.
+
     Raises
     ------
     FileError
+        If the file cannot be read, or has no samples.
     """
     first = next(read_chunks(path, reader, wanted), None)
     if first is None:

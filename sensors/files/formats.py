@@ -71,6 +71,16 @@ CHANNEL_READERS: dict[str, ChannelReader] = {
 def read_file(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING) -> ChannelTable:
     """Return what is wanted of a file as one table.
 
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    reader : str, optional
+        "package.module:function" that gives SEP005 channels; None: the one of its suffix
+        (`read_chunks`).
+    wanted : Wanted, optional
+        What of it is read; everything by default.
+
     Raises
     ------
     FileError
@@ -108,12 +118,24 @@ def read_chunks(
 def channels_in(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING) -> ChannelTable:
     """Return names and units of all channels of a file, without its samples.
 
-    Even of such as differ in rate.
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    reader : str, optional
+        "package.module:function" that gives SEP005 channels; None: the one of its suffix
+        (`read_chunks`).
+    wanted : Wanted, optional
+        What of it is read; everything by default.
 
     Raises
     ------
     FileError
         As its reader does.
+
+    Notes
+    -----
+    Even of such as differ in rate.
     """
     channels = _channels(path, reader)
     if channels is None:

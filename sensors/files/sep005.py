@@ -69,14 +69,25 @@ def join_channels(
 ) -> ChannelTable:
     """Return the channels of one file side by side.
 
-    Channels of one rate that begin or end at different times are put on one clock, NaN where one
-    has nothing; where none has anything, there is a gap in `times`.
+    Parameters
+    ----------
+    channels : sequence of Sep005Channel
+        Of the file.
+    path : Path
+        Of the file, for messages.
+    wanted : Wanted, optional
+        Names, time and stamps that are read; everything by default.
 
     Raises
     ------
     FileError
         No channel; data that are no series of numbers; channels that differ in rate, in their
         time vectors, or by a part of a sample.
+
+    Notes
+    -----
+    Channels of one rate that begin or end at different times are put on one clock, NaN where one
+    has nothing; where none has anything, there is a gap in `times`.
     """
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
@@ -297,10 +308,17 @@ def _dated(channel: Sep005Channel, path: Path, zone: str) -> Sep005Channel:
 
 
 def timestamp_ns(stamp: str | datetime | None, path: Path, zone: str = "") -> int:
-    """Return nanoseconds since 1970 of a time, in `zone` (UTC) where it states none; 0 for None.
+    """Return nanoseconds since 1970 of a time, in `zone` where it states none; 0 for None.
 
-    ISO 8601, or as MATLAB's datestr writes it: 01-Mar-2026 12:00:00; behind it perhaps the name of
-    a zone: UTC, CET, UTC+2.
+    Parameters
+    ----------
+    stamp : str or datetime or None
+        ISO 8601, or as MATLAB's datestr writes it: 01-Mar-2026 12:00:00; behind it perhaps the name
+        of a zone: UTC, CET, UTC+2.
+    path : Path
+        Of the file, for messages.
+    zone : str, optional
+        Where the time states none; "" is UTC.
 
     Raises
     ------

@@ -67,12 +67,23 @@ def rotor_damping(model: StructuralModel, slope: float) -> FloatArray:
 def averaging(frequencies: FloatArray, wind_speed: float) -> FloatArray:
     """|χ|², how much of a gust's power the whole rotor feels, (n_frequencies,) [-].
 
+    Parameters
+    ----------
+    frequencies : ndarray, shape (n_frequencies,)
+        f [Hz].
+    wind_speed : float
+        V [m/s].
+
+    Notes
+    -----
         |χ|² = 1 / (1 + (2 f √A / V)^(4/3))²
+
+    A is the rotor's area.
 
     References
     ----------
     Vickery, "On the flow behind a coarse grid and its use as a model of atmospheric turbulence",
-    NPL Aero Report 1143 (1965). A is the rotor's area.
+    NPL Aero Report 1143 (1965).
     """
     side = np.sqrt(np.pi) * ROTOR_RADIUS
     return (1.0 + (2.0 * frequencies * side / wind_speed) ** (4.0 / 3.0)) ** -2.0

@@ -23,10 +23,22 @@ def wave_number(frequency: float, depth: float) -> float:
 
 
 def wave_numbers(frequencies: FloatArray, depth: float) -> FloatArray:
-    """`wave_number` of many frequencies at once, (n_frequencies,) [rad/m]; all > 0 Hz.
+    """`wave_number` of many frequencies at once, (n_frequencies,) [rad/m].
 
+    Parameters
+    ----------
+    frequencies : ndarray, shape (n_frequencies,)
+        All > 0 [Hz].
+    depth : float
+        d [m].
+
+    Notes
+    -----
     Newton's iteration on k d tanh(k d) = (2πf)² d / g from Guo's explicit start.
-    Source of the start: Guo, Coastal Engineering 45 (2002) 71.
+
+    References
+    ----------
+    Guo, Coastal Engineering 45 (2002) 71, for the start.
     """
     target = (2.0 * np.pi * np.asarray(frequencies)) ** 2 * depth / SEA_WATER_GRAVITY
     x = target * (1.0 - np.exp(-(target**1.25))) ** -0.4

@@ -193,6 +193,17 @@ def hub_height(model: StructuralModel) -> float:
 def aerodynamic_damping(model: StructuralModel, wind: Wind, speed: float) -> FloatArray:
     """Viscous damping that the mean wind gives a parked structure, (n_dofs, n_dofs) [N·s/m].
 
+    Parameters
+    ----------
+    model : StructuralModel
+        The parked structure.
+    wind : Wind
+        Its shear, air density and drag.
+    speed : float
+        V, mean at hub height [m/s].
+
+    Notes
+    -----
     From the force's slope with the relative speed: ρ C_D A V along the wind, and across it
     ½ ρ (C_D + dC_L/dα) A V.
     """

@@ -101,6 +101,17 @@ def with_faults(
 ) -> Iterator[AccelerationBlock]:
     """Yield the blocks of a tower's units as they arrive with faults, each unit in its turn.
 
+    Parameters
+    ----------
+    blocks : iterable of AccelerationBlock
+        Without faults.
+    faults : tuple of Fault
+        Of channels and units.
+    layouts : sequence of SensorLayout
+        Of the units, one each.
+    rng : numpy.random.Generator
+        Each unit draws from its own child where there are several.
+
     Yields
     ------
     AccelerationBlock

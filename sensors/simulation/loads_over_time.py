@@ -27,7 +27,18 @@ def build_schedule(settings: SimulationSettings, description: TurbineDescription
 def build_loads(
     model: StructuralModel, settings: SimulationSettings, schedule: Schedule, rate: float
 ) -> tuple[Load, ...]:
-    """Return every load of a simulation as series at the integration's rate [Hz].
+    """Return every load of a simulation as series at the integration's rate.
+
+    Parameters
+    ----------
+    model : StructuralModel
+        That the loads act on.
+    settings : SimulationSettings
+        Which loads there are.
+    schedule : Schedule
+        Wind, sea and rotor over time.
+    rate : float
+        Of the integration [Hz].
 
     Raises
     ------
@@ -83,6 +94,13 @@ def true_springs(
     description: TurbineDescription, ratios: tuple[float, float, float]
 ) -> FoundationSprings:
     """Return the description's springs times the ratios of k11, k22, k12.
+
+    Parameters
+    ----------
+    description : TurbineDescription
+        With the nominal springs and the sign of k12.
+    ratios : tuple of float
+        True over nominal k11, k22, k12 [-].
 
     Raises
     ------

@@ -98,8 +98,17 @@ class FoundationSchedule:
             )
 
     def factors(self, time: float, motion: float = 0.0) -> FloatArray:
-        """k11, k22, k12 over those at the beginning, (3,) [-]; motion: rms of the mudline [m].
+        """k11, k22, k12 over those at the beginning, (3,) [-].
 
+        Parameters
+        ----------
+        time : float
+            Since the beginning [s].
+        motion : float, optional
+            Rms of the mudline [m].
+
+        Notes
+        -----
         The softening is that of an equivalent linear spring: hysteretic soil gives way in
         proportion to a small amplitude.
         """

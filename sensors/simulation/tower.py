@@ -277,6 +277,15 @@ class SimulatedTower:
 def resonance_grid(modes: StructureModes, highest_frequency: float) -> FloatArray:
     """Rising frequencies up to a limit that resolve every resonance for integration [Hz].
 
+    Parameters
+    ----------
+    modes : StructureModes
+        With frequencies [Hz] and damping ratios [-].
+    highest_frequency : float
+        The limit [Hz].
+
+    Notes
+    -----
     Even steps of 0.01 Hz (0.001 Hz in the wave band), and round each mode points spaced like
     tan(x) in half-bandwidths ζf, on which the trapezoid rule integrates a resonance curve exactly.
     """

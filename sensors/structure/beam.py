@@ -199,9 +199,25 @@ def craig_bampton_element(
 ) -> ReducedBendingElement:
     """Return the exact uniform beam between two nodes, with its lowest clamped-clamped modes.
 
+    Parameters
+    ----------
+    bending_rigidity : float
+        EI [N·m²].
+    mass_per_length : float
+        [kg/m].
+    length : float
+        [m].
+    modes : int
+        How many clamped-clamped modes.
+
+    Notes
+    -----
     The static shapes of a uniform beam under end displacements are the Hermite cubics, so the
-    interface block is the ordinary element; the modes are known in closed form. Source: Craig and
-    Bampton, AIAA Journal 6 (1968) 1313; [foundation-updating] §3.1.
+    interface block is the ordinary element; the modes are known in closed form.
+
+    References
+    ----------
+    Craig and Bampton, AIAA Journal 6 (1968) 1313; [foundation-updating] §3.1.
     """
     xi, weights = _gauss_points(0.0, 1.0)
     shapes = np.concatenate(

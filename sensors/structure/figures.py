@@ -223,9 +223,17 @@ def figures_of(turbine: TurbineDescription) -> tuple[Figure, ...]:
 def varied(turbine: TurbineDescription, departures: Mapping[str, float]) -> TurbineDescription:
     """The same turbine with some figures off.
 
-    departures   by name, each in its figure's unit; `water_level` in metres
+    Parameters
+    ----------
+    turbine : TurbineDescription
+        As described.
+    departures : mapping of str to float
+        By name, each in its figure's unit; `water_level` in metres.
 
-    Raises TurbineError: no such figure, or one that the turbine does not have.
+    Raises
+    ------
+    TurbineError
+        If there is no such figure, or the turbine does not have it.
     """
     for name, departure in departures.items():
         if name == LEVEL and turbine.water is not None:

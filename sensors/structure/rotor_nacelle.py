@@ -43,8 +43,14 @@ def rigid_displacement(arm: ArrayLike) -> FloatArray:
 def rigid_body_mass(mass: float, centre: ArrayLike, inertia: ArrayLike) -> FloatArray:
     """(6, 6) mass of a rigid body on a node.
 
-    mass [kg], centre from the node (3,) [m], inertia about the centre: (3,) on the diagonal or
-    the full (3, 3) [kg·m²]
+    Parameters
+    ----------
+    mass : float
+        [kg].
+    centre : ArrayLike, shape (3,)
+        Of mass, from the node [m].
+    inertia : ArrayLike, shape (3,) or (3, 3)
+        About the centre: on the diagonal, or the full tensor [kg·m²].
     """
     moments = np.asarray(inertia, dtype=np.float64)
     tensor = np.diag(moments) if moments.ndim == 1 else moments
@@ -124,8 +130,19 @@ class BladeAxes:
 
 
 def blade_axes(nacelle: RotorNacelle, blades: Blades, number: int) -> BladeAxes:
-    """Axes of blade `number`, from 0; its azimuth turns from up towards +y.
+    """Axes of blade `number`; its azimuth turns from up towards +y.
 
+    Parameters
+    ----------
+    nacelle : RotorNacelle
+        With the shaft.
+    blades : Blades
+        Cone, pitch and the first one's azimuth [deg], and how many there are.
+    number : int
+        Of the blade, from 0.
+
+    Notes
+    -----
     At pitch 0 the chord lies in the rotor's plane and flapwise is along the shaft; at 90° the
     chord lies along the shaft, so that fore-aft motion bends the blade edgewise.
     """

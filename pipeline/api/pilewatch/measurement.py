@@ -278,6 +278,18 @@ def measurement_of(
 ) -> Measurement:
     """Return a Measurement of what a caller gave: one already, a file, or an array with its rate.
 
+    Parameters
+    ----------
+    samples : Measurement, path or ArrayLike, shape (n, n_channels)
+        What the caller gave; a Measurement is returned as it is.
+    sampling_rate : float or None
+        Of an array or file that does not state it [Hz].
+    channels : sequence of str or None
+        Names of an array's channels where no layout has them; None: those of its columns, or ch1
+        and so on.
+    layout : SensorLayout or None
+        Of an array's channels: their names, units and places.
+
     Raises
     ------
     InputError
@@ -343,6 +355,15 @@ def _clock_of_index(samples: object) -> tuple[int, FloatArray | None]:
 
 def positive(name: str, value: object, unit: str) -> float:
     """Return a caller's number above 0.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument, for the message.
+    value : object
+        What the caller gave.
+    unit : str
+        Of the number, for the message.
 
     Raises
     ------

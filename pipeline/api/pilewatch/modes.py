@@ -158,6 +158,17 @@ def draw_shapes(
 ) -> Any:
     """Draw mode shapes, one panel a mode, one line a direction.
 
+    Parameters
+    ----------
+    shapes : ndarray, shape (n_modes, n_channels)
+        [-].
+    frequencies : ndarray, shape (n_modes,)
+        For the titles [Hz].
+    channels : sequence of str
+        Names, in the order of the shapes' columns.
+    layout : SensorLayout or None
+        Where the channels are; None: they are drawn one above the other.
+
     Raises
     ------
     InputError

@@ -209,6 +209,15 @@ def chosen_scenario(
 ) -> Scenario:
     """Return the settings of an updating: a scenario's, or the defaults of one that sets nothing.
 
+    Parameters
+    ----------
+    scenario : str, path or None
+        Name, file, or a recording that holds one; None: the defaults.
+    exact : bool
+        Take the structure as exact.
+    seed : int or None
+        Of every random choice; None: the scenario's.
+
     Raises
     ------
     InputError

@@ -116,9 +116,12 @@ class PassedDay:
         return (each for each in self.entries if isinstance(each, Call))
 
     def messages(self, results: Callable[[str], tuple[StoredFrame, ...]]) -> Iterator[Message]:
-        """Yield all of them in order.
+        """Yield all of the day's messages in order.
 
-        results   the frames that the call of a key has given
+        Parameters
+        ----------
+        results : callable
+            Key → the frames that its call has given.
         """
         for each in self.entries:
             yield from kept_messages(results(each.key) if isinstance(each, Call) else (each,))

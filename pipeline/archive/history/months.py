@@ -113,8 +113,16 @@ def forget_months(folder: Path, turbine: str, months: Iterable[str]) -> None:
 class MonthWriter:
     """Writes the files of one turbine's month, day by day, and gives them their names at the end.
 
-    folder   of the results
-    before   what its files hold now
+    Parameters
+    ----------
+    folder : Path
+        Of the results.
+    turbine : str
+        Its id.
+    month : str
+        Of the files.
+    before : WrittenMonth
+        What its files hold now.
     """
 
     def __init__(self, folder: Path, turbine: str, month: str, before: WrittenMonth) -> None:
@@ -142,7 +150,16 @@ class MonthWriter:
     def add(self, date: str, key: str, messages: Iterable[Message], *, whole: bool) -> None:
         """Add a day's results in order.
 
-        whole   whether all are there; else the day is done again by the next run
+        Parameters
+        ----------
+        date : str
+            Of the day.
+        key : str
+            Fingerprint of the history up to it.
+        messages : iterable of Message
+            The results.
+        whole : bool
+            Whether all are there; else the day is done again by the next run.
         """
         rows: dict[str, list[Row]] = {}
         counts: Counter[str] = Counter()

@@ -60,10 +60,14 @@ class Day:
         return self.date[:7]
 
     def key(self, before: str, done: Sequence[bool]) -> str:
-        """Fingerprint of the history up to it.
+        """Fingerprint of the history up to this day.
 
-        before   of the day before; of the turbine's settings for the first
-        done     whether each task gave its windows
+        Parameters
+        ----------
+        before : str
+            Of the day before; of the turbine's settings for the first.
+        done : sequence of bool
+            Whether each task gave its windows.
         """
         return key_of_result("day", before, self.content, "".join("-+"[each] for each in done))
 
@@ -95,8 +99,14 @@ def date_of(time_ns: int) -> str:
 class TurbineHistory:
     """One turbine's history among an archive's results.
 
-    results    folder of the tables
-    finished   what is kept from run to run
+    Parameters
+    ----------
+    turbine : TurbineArchive
+        What the archive holds of it.
+    results : Path
+        Folder of the tables.
+    finished : FinishedResults
+        What is kept from run to run.
     """
 
     def __init__(self, turbine: TurbineArchive, results: Path, finished: FinishedResults) -> None:

@@ -243,6 +243,15 @@ def running_alarm_node(
 def acknowledged_in_file(path: Path, ids: Sequence[int], by: str) -> dict[str, Any]:
     """Acknowledge alarms of a session that does not run.
 
+    Parameters
+    ----------
+    path : Path
+        Of the alarm log.
+    ids : sequence of int
+        Of the alarms.
+    by : str
+        Who acknowledges them.
+
     Raises
     ------
     InputError

@@ -115,6 +115,15 @@ class Webhook:
 def post_json(settings: WebhookSettings, content: JsonBody, headers: Mapping[str, str]) -> None:
     """POST to the origin of the settings and to no other host.
 
+    Parameters
+    ----------
+    settings : WebhookSettings
+        With the URL, the token's place and the timeout.
+    content : JsonBody
+        The body.
+    headers : mapping of str to str
+        Beside content type, user agent and token.
+
     Raises
     ------
     DeliveryFailed

@@ -57,11 +57,21 @@ def unit_offset(
 ) -> UnitOffset | None:
     """How late the stamps of one unit's channels are against another's.
 
-    samples            (n, n_channels) of one window, units joined on their stamps
-    modes              identified in it, shapes over the same channels
-    reference, other   columns of the two units' channels
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        One window, the units joined on their stamps.
+    sampling_rate : float
+        [Hz].
+    modes : sequence of Mode
+        Identified in the window, shapes over the same channels.
+    reference, other : sequence of int
+        Columns of the two units' channels.
 
-    None where fewer than four modes are seen by both units.
+    Returns
+    -------
+    UnitOffset or None
+        None where fewer than four modes are seen by both units.
     """
     if len(modes) < FEWEST_PHASES:
         return None

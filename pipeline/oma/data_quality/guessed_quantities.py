@@ -20,9 +20,20 @@ CLEARLY = 0.7  # mean −cos 2φ of two groups that differ by a quarter of a per
 def guessed_quantities(samples: FloatArray, sampling_rate: float) -> tuple[Quantity, ...] | None:
     """Which channels are velocities beside accelerations, by how the channels move together.
 
-    samples   (n, n_channels)
-    returns   None where all channels share one phase, or nothing can be concluded
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        NaN where missing; each channel in its own unit.
+    sampling_rate : float
+        [Hz].
 
+    Returns
+    -------
+    tuple of Quantity or None
+        None where all channels share one phase, or nothing can be concluded.
+
+    Notes
+    -----
     At a resonance two channels of one quantity are in phase or in opposition, a velocity and an
     acceleration (or a velocity and a displacement) a quarter of a period apart: cos 2φ of their
     cross-spectrum is 1 or −1. Of two groups of channels that differ so, the one whose spectrum
@@ -68,12 +79,29 @@ def cross_spectra(
 ) -> tuple[FloatArray, ComplexArray]:
     """Cross-spectral densities of every two channels, as `scipy.signal.csd` has them.
 
-    samples   (n, n_channels)
-    length    of the segments, which overlap by half, free of their means under Hann's taper
-    returns   frequencies, (n_lines,) [Hz], and conj(x_i) x_j, (n_channels, n_channels, n_lines)
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Without gaps, each channel in its own unit.
+    sampling_rate : float
+        [Hz].
+    length : int
+        Of the segments, which overlap by half, free of their means under Hann's taper [samples].
 
-    Source: Welch 1967, IEEE Trans. Audio Electroacoust. 15. Written out since `scipy.signal` takes
-    half as long to load as a window to identify.
+    Returns
+    -------
+    frequencies : ndarray, shape (n_lines,)
+        [Hz].
+    spectra : ndarray, shape (n_channels, n_channels, n_lines)
+        conj(x_i) x_j [product of the two channels' units per Hz].
+
+    Notes
+    -----
+    Written out since `scipy.signal` takes half as long to load as a window to identify.
+
+    References
+    ----------
+    Welch 1967, IEEE Trans. Audio Electroacoust. 15.
     """
     taper = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(length) / length)
     segments = sliding_window_view(samples, length, axis=0)[:: length - length // 2]

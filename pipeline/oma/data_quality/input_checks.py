@@ -73,7 +73,19 @@ def check_samples(
 ) -> tuple[Finding, ...]:
     """What the samples alone reveal, the gravest first.
 
-    samples   (n, n_channels)
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        NaN where missing; each channel in its own unit.
+    sampling_rate : float
+        [Hz].
+    channel_names : sequence of str
+        For the texts of the findings, one a channel.
+
+    Returns
+    -------
+    tuple of Finding
+        One alone where it rejects the window.
     """
     if len(samples) < FEWEST_OF_WINDOW:
         text = (
@@ -154,13 +166,23 @@ def check_silent(
 
 
 def silent_channels(samples: NDArray[np.floating]) -> BoolArray:
-    """Tell which channels give noise alone beside others that measure, (n_channels,).
+    """Detect channels that give noise alone beside others that measure.
 
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Each channel in its own unit.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_channels,)
+        All False where none measures.
+
+    Notes
+    -----
     No line of a silent one stands out of those around it, as a mode's do, and none follows another
     channel's. Either alone proves nothing: two axes of one sensor may share no motion, and a
-    motor's harmonics may reach a dead channel's wires. All False where none measures.
-
-    samples   (n, n_channels), each channel in its own unit
+    motor's harmonics may reach a dead channel's wires.
     """
     n = len(samples) // RESONANCE_SEGMENTS
     found = np.zeros(samples.shape[1], dtype=bool)
@@ -207,6 +229,15 @@ def check_clipping(
 ) -> tuple[Finding, ...]:
     """Channels that pile up at the converter's or the sensor's limit, all the time or for a part.
 
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Each channel in its own unit.
+    channel_names : sequence of str
+        For the texts of the findings, one a channel.
+
+    Notes
+    -----
     The tails of a healthy signal thin out, so that its extreme value is rarer than the next one;
     and its crests are rarely flat, nor all at one height.
     """
@@ -361,9 +392,19 @@ def is_harmonic(
 ) -> bool:
     """Whether what shakes at a frequency is a machine's harmonic and no mode.
 
-    samples          (n, n_channels), free of offset
-    half_bandwidth   ζ f that a mode there has at least [Hz]
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Free of offset, each channel in its own unit.
+    sampling_rate : float
+        [Hz].
+    frequency : float
+        [Hz].
+    half_bandwidth : float, optional
+        ζ f that a mode there has at least [Hz].
 
+    Notes
+    -----
     A harmonic keeps its amplitude; a mode under random load swells and fades (its envelope has
     a Rayleigh distribution, std/mean 0.52). A weak one beside modes does not keep it, but is one
     line. Judged on the channel with the most power there.
@@ -410,7 +451,17 @@ def _is_one_line(powers: FloatArray, centre: int, width: float) -> bool:
 def mended(samples: FloatArray, findings: Sequence[Finding]) -> FloatArray:
     """The samples without lone spikes and drift, where the findings say they are repaired.
 
-    samples   (n, n_channels); returned as they are where nothing is to be repaired
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Each channel in its own unit.
+    findings : sequence of Finding
+        Of these samples; those with the action "mend" count.
+
+    Returns
+    -------
+    ndarray, shape (n, n_channels)
+        `samples` themselves where nothing is to be repaired.
     """
     codes = {finding.code for finding in findings if finding.action == "mend"}
     if "spikes" in codes:

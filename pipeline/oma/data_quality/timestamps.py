@@ -54,8 +54,15 @@ def _check_evenness(steps: FloatArray, sampling_rate: float) -> tuple[Finding, .
 def evenly_sampled(samples: FloatArray, times: FloatArray) -> FloatArray:
     """The record on an even clock with as many samples from the first stamp to the last.
 
-    samples   (n, n_channels);  times   (n,), rising [s]
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Each channel in its own unit.
+    times : ndarray, shape (n,)
+        Rising [s].
 
+    Notes
+    -----
     By cubic splines, whose error stays below the noise up to a quarter of the sampling rate.
     """
     from scipy.interpolate import CubicSpline  # half a second to load, and seldom needed

@@ -91,8 +91,15 @@ class Transient:
 def loudest_octave(samples: FloatArray, sampling_rate: float) -> Transient | None:
     """The octave whose loudest moment is least likely by chance; None for too short a window.
 
-    samples   (n, n_channels), free of offset
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Free of offset, each channel in its own unit.
+    sampling_rate : float
+        [Hz].
 
+    Notes
+    -----
     More than 1 in `excess`: not stationary, with a false alarm in at most 2e-4 of the octaves of
     windows whose load keeps its strength to GUSTS.
     """

@@ -65,8 +65,18 @@ def band_covariances(
 ) -> LagCovariances:
     """Lag covariances of a window in a band.
 
-    samples     decimated to the band's rate, before its high pass, (n, n_channels)
-    n_samples   of the window at the full rate
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Decimated to the band's rate, before its high pass; each channel in its own unit.
+    band : Band
+        Its block rows are half the number of lags.
+    settings : OmaSettings
+        For the length of the time blocks.
+    references : References, optional
+        Channels that y_t runs over; all by default.
+    n_samples : int
+        Of the window at the full rate.
     """
     return lag_covariances(
         above(samples) if band.high_passed else samples,
@@ -93,7 +103,16 @@ def modes_of_covariances(
 ) -> BandIdentification:
     """Modes of one band from its lag covariances.
 
-    integrations   of channels that measure different quantities (`quantities.py`), (n_channels,)
+    Parameters
+    ----------
+    covariances : LagCovariances
+        Of the window in the band.
+    band : Band
+        With the orders and block rows.
+    settings : OmaSettings
+        Limits of plausible poles and of their presence over the orders.
+    integrations : ndarray of int, shape (n_channels,), optional
+        Of channels that measure different quantities (`quantities.py`).
     """
     subspace = signal_subspace(
         covariances.mean, block_rows=band.block_rows, highest_order=max(band.orders)
@@ -211,10 +230,22 @@ class ChannelScales:
         deviations: ComplexArray,
         frequency_deviations: FloatArray,
     ) -> tuple[ComplexArray, ComplexArray]:
-        """A shape, (n_channels,), and its deviations by block, (n_channels, n_blocks).
+        """A shape, (n_channels,), and its deviations by block, (n_channels, n_blocks), both scaled.
 
-        frequency_deviations   Δf/f by block, (n_blocks,): Δ(μ^d φ) = μ^d (Δφ + d φ Δμ/μ), and
-                               Δμ/μ is Δf/f but for the damping's share
+        Parameters
+        ----------
+        pole : complex
+            λ of the discrete-time system [-].
+        shape : ndarray of complex, shape (n_channels,)
+            Of the scaled channels [-].
+        deviations : ndarray of complex, shape (n_channels, n_blocks)
+            Δφ by block [-].
+        frequency_deviations : ndarray, shape (n_blocks,)
+            Δf/f by block [-].
+
+        Notes
+        -----
+        Δ(μ^d φ) = μ^d (Δφ + d φ Δμ/μ), and Δμ/μ is Δf/f but for the damping's share.
         """
         factors: ComplexArray = self.rms.astype(complex)
         if self.integrations is not None and self.integrations.any():

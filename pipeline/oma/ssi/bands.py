@@ -80,10 +80,27 @@ def plan_bands(
 ) -> tuple[Band, ...]:
     """Bands of a record, slowest first.
 
+    Parameters
+    ----------
+    n_samples : int
+        Of the record.
+    n_channels : int
+        Of the record; all are references where the settings name none.
+    sampling_rate : float
+        [Hz].
+    settings : OmaSettings
+        Lowest and highest frequency, and reference channels.
+
+    Raises
+    ------
+    OmaSettingsError
+        If the sampling rate is too low for the highest frequency asked for.
+
+    Notes
+    -----
     The first reaches down to one period within the lags of its Hankel matrix. A record too short
     for its slow bands is identified in the faster ones alone. Asked for lower frequencies than
     the slow band reaches, the record gains further bands, each four times slower.
-    Raises OmaSettingsError when the sampling rate is too low for the highest frequency asked for.
     """
     highest = settings.highest_frequency or HIGHEST_RELATIVE * sampling_rate
     if highest > 0.5 * sampling_rate:

@@ -56,7 +56,14 @@ def twins_in(
 ) -> tuple[CoincidentModes, ...]:
     """Where two poles stand side by side in most orders, mixed in every shape.
 
-    systems   of all orders of the band, with the phases of accelerations
+    Parameters
+    ----------
+    systems : sequence of SystemModes
+        Of all orders of the band, with the phases of accelerations.
+    band : Band
+        Whose poles are compared.
+    settings : OmaSettings
+        `minimum_presence` is the share of the orders that have to show the two.
     """
     by_order = [_pairs(system, band) for system in systems]
     places = np.concatenate(by_order) if by_order else np.empty((0, 2))
@@ -166,9 +173,31 @@ def twin_pairs(
 ) -> list[Mode]:
     """Two entries of one `pair_id` for each twins of which the window shows the plane.
 
-    The mean's std is that of one mode by the uncertainty law (δf / f)² = (δζ)² = ζ / (2π f T)
-    (Au 2014, Mechanical Systems and Signal Processing 48, 15): the mean of two is known √2 times
-    better, by a subspace method about as much worse. What the orders scatter by comes to it.
+    Parameters
+    ----------
+    twins : sequence of CoincidentModes
+        Places of two poles side by side.
+    samples : ndarray, shape (n, n_channels)
+        Of the window, each channel in its own unit.
+    sampling_rate : float
+        [Hz].
+    integrations : ndarray of int, shape (n_channels,), optional
+        Of channels that measure different quantities (`quantities.py`).
+
+    Returns
+    -------
+    list of Mode
+        Empty for fewer than three channels.
+
+    Notes
+    -----
+    The mean's std is that of one mode by the uncertainty law (δf / f)² = (δζ)² = ζ / (2π f T):
+    the mean of two is known √2 times better, by a subspace method about as much worse. What the
+    orders scatter by comes to it.
+
+    References
+    ----------
+    Au 2014, Mechanical Systems and Signal Processing 48, 15.
     """
     if samples.shape[1] < 3 or not twins:
         return []

@@ -74,15 +74,28 @@ def lag_covariances(
 ) -> LagCovariances:
     """Lag covariances of a record in consecutive time blocks, channels scaled to unit rms.
 
-    samples        y, (n, n_channels), free of offset
-    n_lags         L: lags 1..L [samples]
-    block_length   m [samples]; the record holds (n − L) // m blocks, what is left over is unused
-    references     channels that y_t runs over; all by default
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        y, free of offset, each channel in its own unit.
+    n_lags : int
+        L: lags 1..L [samples].
+    block_length : int
+        m [samples]; the record holds (n − L) // m blocks, what is left over is unused.
+    references : References, optional
+        Channels that y_t runs over; all by default.
 
+    Raises
+    ------
+    ValueError
+        For a record shorter than two blocks.
+
+    Notes
+    -----
         R_τ^(b) = 1/m Σ_{t in block b} y_{t+τ} y_tᵀ
 
     y_{t+τ} may lie in a later block, so that no lag is cut short and the blocks' mean is the
-    covariance of the whole record. Raises ValueError for a record shorter than two blocks.
+    covariance of the whole record.
     """
     n_blocks = (len(samples) - n_lags) // block_length
     if n_blocks < 2:
@@ -106,6 +119,17 @@ def lag_covariances(
 def lagged_products(samples: FloatArray, n_lags: int, references: References = ALL) -> FloatArray:
     """Σ_t y_{t+τ} y_tᵀ over all samples t but the last n_lags, (n_lags + 1, channels, references).
 
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        y, each channel in its own unit.
+    n_lags : int
+        Largest τ [samples].
+    references : References, optional
+        Channels that y_t runs over; all by default.
+
+    Notes
+    -----
     By segments as long as the lags, whose cross spectra are added before one inverse transform:
     a transform of the whole block would spend itself on lags that are not used. The cost is that
     of the samples, not of samples × lags.
@@ -129,9 +153,17 @@ def lagged_products(samples: FloatArray, n_lags: int, references: References = A
 def block_hankel(covariances: FloatArray, block_rows: int) -> FloatArray:
     """Block Hankel matrix of lag covariances.
 
-    covariances   R_τ, (n_lags, n_channels, n_references), τ = 1..n_lags, n_lags = 2p
-    block_rows    p
-    returns       H, ((p + 1)·n_channels, p·n_references), block (i, j) = R_{i+j+1} from i, j = 0
+    Parameters
+    ----------
+    covariances : ndarray, shape (n_lags, n_channels, n_references)
+        R_τ, τ = 1..n_lags, n_lags = 2p [-].
+    block_rows : int
+        p.
+
+    Returns
+    -------
+    ndarray, shape ((p + 1)·n_channels, p·n_references)
+        H, block (i, j) = R_{i+j+1} from i, j = 0 [-].
     """
     _, n_channels, n_references = covariances.shape
     windows = np.lib.stride_tricks.sliding_window_view(covariances, block_rows, axis=0)
@@ -174,6 +206,17 @@ def with_bounded_references(
 ) -> OmaSettings:
     """The settings with as many references as the channels of a window, (n, n_channels), can have.
 
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Of the window, each channel in its own unit.
+    channel_names : sequence of str
+        One a channel; the references are named by them.
+    settings : OmaSettings
+        Returned as they are where they name references, or all channels may be references.
+
+    Notes
+    -----
     The references are chosen one after the other, each so that it explains most of what the
     correlations R of all channels still hold: Σ_j R_ij² / R_ii is largest, and R_i R_iᵀ / R_ii
     is taken off. What only one channel feels, its noise, is chosen last.
@@ -297,9 +340,17 @@ def signal_subspace(
 ) -> SignalSubspace:
     """Truncated singular value decomposition H ≈ U diag(s) Vᵀ to the highest order asked for.
 
-    covariances   R_τ, (n_lags = 2p, n_channels, n_references), τ = 1..n_lags
-    block_rows    p
+    Parameters
+    ----------
+    covariances : ndarray, shape (n_lags, n_channels, n_references)
+        R_τ, τ = 1..n_lags, n_lags = 2p [-].
+    block_rows : int
+        p.
+    highest_order : int
+        Most singular values that are kept.
 
+    Notes
+    -----
     The leading part is iterated to a residual of 1e-9; a small matrix, or one whose singular
     values fall so slowly that the iteration does not get there, is decomposed in full.
     """
@@ -330,15 +381,28 @@ def _largest_eigenpairs(symmetric: FloatArray, count: int) -> tuple[FloatArray, 
 def leading_singular_triplets(matrix: HankelOperator, count: int) -> Triplets | None:
     """The largest singular values and their vectors (U, s, V) by a block Krylov iteration.
 
-    matrix   H, (m, n)
-    count    how many triplets
-    returns  None when the residual is not reached in a basis of 5 × count vectors
+    Parameters
+    ----------
+    matrix : HankelOperator, shape (m, n)
+        H.
+    count : int
+        How many triplets.
 
+    Returns
+    -------
+    Triplets or None
+        None when the residual is not reached in a basis of 5 × count vectors.
+
+    Notes
+    -----
     An orthonormal basis B of the Krylov space of H Hᵀ grows block by block; with C = Hᵀ B the
     triplets come from the small matrix Cᵀ C = Bᵀ H Hᵀ B. What leaves the basis is the next block
     Q⁺ R, so that ‖H Hᵀ u − s² u‖ = ‖R x_last‖ costs nothing.
-    Source: Golub and Van Loan, Matrix Computations, 4th ed., §10.4; Musco and Musco (2015),
-    Randomized block Krylov methods, for the random start.
+
+    References
+    ----------
+    Golub and Van Loan, Matrix Computations, 4th ed., §10.4; Musco and Musco (2015), Randomized
+    block Krylov methods, for the random start.
     """
     width = _BLOCK_WIDTH
     generator = np.random.default_rng(0)
@@ -377,8 +441,17 @@ def system_modes(
 ) -> Iterator[SystemModes]:
     """Modes of the system of every order, from one factorisation.
 
-    sampling_interval   dt [s]
+    Parameters
+    ----------
+    subspace : SignalSubspace
+        Of the band's Hankel matrix.
+    orders : sequence of int
+        Ascending; those beyond the subspace's give nothing.
+    sampling_interval : float
+        dt [s].
 
+    Notes
+    -----
     With Q R = O_up, A_n = R_n⁻¹ (Qᵀ O_down)_n for the leading n × n parts: the least-squares
     solutions of O_up A = O_down of all orders are nested. With A_c = log(A_d)/dt,
         f = |λ| / 2π,   ζ = −Re λ / |λ|,   φ = C ψ                                (Eqs. 2-4)

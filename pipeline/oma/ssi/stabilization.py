@@ -104,7 +104,16 @@ def pole_cloud(
 ) -> PoleCloud:
     """The plausible poles of all orders side by side; their std is not known yet.
 
-    integrations   of channels that measure different quantities (`quantities.py`), (n_channels,)
+    Parameters
+    ----------
+    systems : sequence of SystemModes
+        Of all orders of the band.
+    band : Band
+        Its range of frequencies is where poles are plausible.
+    settings : OmaSettings
+        Limits of a plausible pole.
+    integrations : ndarray of int, shape (n_channels,), optional
+        Of channels that measure different quantities (`quantities.py`).
     """
     systems = [with_phases(system, band, integrations) for system in systems]
     kept = [np.flatnonzero(plausible(system, band, settings)) for system in systems]
@@ -124,6 +133,15 @@ def pole_cloud(
 def integrations_of(quantities: Sequence[Quantity] | None, n_channels: int) -> IntArray:
     """How many times each channel's acceleration is integrated, (n_channels,).
 
+    Parameters
+    ----------
+    quantities : sequence of Quantity or None
+        What each channel measures; None: not known.
+    n_channels : int
+        Length of the result.
+
+    Notes
+    -----
     Zero throughout where nothing is known or all measure the same: their shapes agree up to a
     factor, which a shape does not have.
     """
@@ -137,9 +155,14 @@ def to_acceleration(
 ) -> NDArray[np.complexfloating]:
     """μ^d: factors from identified shapes to those of accelerations, (n_modes, n_channels).
 
-    poles               discrete-time ones λ, (n_modes,): μ = ln λ / Δt [rad/s]
-    sampling_interval   Δt [s]
-    integrations        d of each channel, (n_channels,)
+    Parameters
+    ----------
+    poles : ndarray of complex, shape (n_modes,)
+        Discrete-time ones λ: μ = ln λ / Δt [rad/s].
+    sampling_interval : float
+        Δt [s].
+    integrations : ndarray of int, shape (n_channels,)
+        d of each channel.
     """
     continuous = np.log(poles) / sampling_interval
     return np.asarray(continuous[:, None] ** integrations[None, :])
@@ -173,6 +196,17 @@ def _least_members(n_orders: int, minimum_presence: float) -> float:
 def clusters(cloud: PoleCloud, *, n_orders: int, minimum_presence: float) -> list[PoleCluster]:
     """Groups of poles that come back over the orders, lowest frequency first.
 
+    Parameters
+    ----------
+    cloud : PoleCloud
+        Poles of all orders with their std.
+    n_orders : int
+        Model orders behind the cloud.
+    minimum_presence : float
+        Share of the orders that a group needs [-].
+
+    Notes
+    -----
     Two poles are alike when their frequencies agree within three of their joint std (no less than
     0.2 %, no more than 2 %) and their MAC is 0.9 or more. The pole with the most likenesses in
     other orders gathers them, one of each order; then the next, until no group is large enough.
@@ -239,10 +273,17 @@ def unexplained_spread(
 ) -> float:
     """Rms difference between estimates of one quantity that their own uncertainty leaves open.
 
-    differences   d of each estimate from the one that is kept, (n,)
-    deviations    Δd by time block, (n, n_blocks): var(d) = Σ_b Δd²
-    weights       (n,)
+    Parameters
+    ----------
+    differences : ndarray, shape (n,)
+        d of each estimate from the one that is kept, in the quantity's unit.
+    deviations : ndarray, shape (n, n_blocks)
+        Δd by time block: var(d) = Σ_b Δd².
+    weights : ndarray, shape (n,)
+        w [-].
 
+    Notes
+    -----
         spread² = max(0, Σ w (d² − var(d)) / Σ w)
     """
     excess = differences**2 - np.sum(deviations**2, axis=1)
@@ -254,8 +295,14 @@ def stabilisation_diagram(
 ) -> StabilisationDiagram:
     """Poles of all bands side by side, in single precision: nothing is computed with them.
 
-    bands     the poles behind the estimate by frequency band, slowest first
-    refused   what looked like a mode among them and is not reported
+    Parameters
+    ----------
+    estimate : ModalEstimate
+        Whose turbine, window and modes the diagram has.
+    bands : sequence of PoleCloud
+        The poles behind the estimate by frequency band, slowest first.
+    refused : sequence of RefusedMode, optional
+        What looked like a mode among them and is not reported.
     """
     poles = {
         "orders": [band.orders for band in bands],

@@ -96,7 +96,19 @@ def grouped(suspects: Sequence[Suspect], duration: float) -> list[Group]:
 def band_of(group: Group, spectrum: WindowSpectrum, others: Sequence[Suspect]) -> NarrowBand | None:
     """Lines of a group and of what surrounds it, as far as other modes leave it alone.
 
-    others   modes outside the group
+    Parameters
+    ----------
+    group : Group
+        Suspects that overlap.
+    spectrum : WindowSpectrum
+        Fourier lines of the window.
+    others : sequence of Suspect
+        Modes outside the group.
+
+    Returns
+    -------
+    NarrowBand or None
+        None for fewer than twelve lines.
     """
     T = spectrum.duration
     width = group.half_bandwidth

@@ -69,16 +69,25 @@ LEAST_OF_A_LINE = 0.3  # share of its power: with less it is hardly more than wh
 class WindowSpectrum:
     """Fourier transform of a window without a taper: lines k/T are nearly independent.
 
+    Parameters
+    ----------
+    samples : ndarray, shape (n, n_channels)
+        Free of offset, each channel in its own unit.
+    sampling_rate : float
+        [Hz].
+    integrations : ndarray of int, shape (n_channels,), optional
+        How often each channel's acceleration is integrated.
+    left : ndarray, shape (n // 2 + 1,), optional
+        Of each line's power, where a rotor's harmonics were taken off [-]: such a line counts as
+        much as is left of it, and one of which hardly anything is left not at all. Taken for whole
+        ones, they would make a mode's flank too steep: of 139 first modes 5 to 10 % off a harmonic
+        (seeds 70031 to 70100) the damping came out 8 % lower than without it, and its 90 %
+        intervals held .81; .88 since.
+
+    Notes
+    -----
     Lines above the frequencies at which modes are sought are in no band and no flank: there a
     recorder's filter takes a part of the background away, which a fit would lay to its modes.
-
-    samples        (n, n_channels), free of offset
-    integrations   how often each channel's acceleration is integrated, (n_channels,)
-    left           of each line's power, where a rotor's harmonics were taken off, (n // 2 + 1,):
-                   such a line counts as much as is left of it, and one of which hardly anything is
-                   left not at all. Taken for whole ones, they would make a mode's flank too steep:
-                   of 139 first modes 5 to 10 % off a harmonic (seeds 70031 to 70100) the damping
-                   came out 8 % lower than without it, and its 90 % intervals held .81; .88 since
     """
 
     def __init__(
@@ -144,10 +153,22 @@ class WindowSpectrum:
     def powers_over_flank(self, low: float, high: float, half_bandwidth: float) -> FloatArray:
         """Power at resonances over that beside them, direction by direction, largest first [-].
 
-        A mode alone stands out in one direction, its shape; what surrounds it fills the others as
-        much beside it as at it. Empty where the window ends.
+        Parameters
+        ----------
+        low, high : float
+            Of the resonances [Hz].
+        half_bandwidth : float
+            ζ f of them [Hz].
 
-        low, high   of the resonances [Hz]
+        Returns
+        -------
+        ndarray, shape (n_channels,)
+            Empty where the window ends.
+
+        Notes
+        -----
+        A mode alone stands out in one direction, its shape; what surrounds it fills the others as
+        much beside it as at it.
         """
         inner, far = 1.5 * half_bandwidth, 8 * half_bandwidth + 10 / self.duration
         near = 4 * half_bandwidth + 3 / self.duration
@@ -189,8 +210,16 @@ def peaks_and_flanks(
 ) -> tuple[FloatArray, FloatArray]:
     """Mean of Re y_k y_kᴴ at some places and beside them, (n, n_channels, n_channels) each.
 
-    sums      of `WindowSpectrum.running_sums`;  stride: of theirs [lines]
-    centres   [lines];  width: half bandwidth [lines]
+    Parameters
+    ----------
+    sums : ndarray, shape (n_sums, n_channels, n_channels)
+        Of `WindowSpectrum.running_sums`.
+    stride : int
+        Of the sums [lines].
+    centres : ndarray, shape (n,)
+        [lines].
+    width : float
+        Half bandwidth [lines].
     """
 
     def within(reach: float) -> tuple[FloatArray, FloatArray]:

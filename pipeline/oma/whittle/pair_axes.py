@@ -46,14 +46,22 @@ def with_leading_pole(
 ) -> list[Mode]:
     """The modes; the stronger one of a pair with the frequency and the damping of its pole.
 
+    Parameters
+    ----------
+    modes : sequence of Mode
+        Of the lines.
+    poles : sequence of Mode
+        Of the same group.
+    share : float
+        Of the weaker axis in the power of the stronger one [-].
+    duration : float
+        T of the window [s].
+
+    Notes
+    -----
     Where nearly all power is along one axis, the poles see that mode alone, and without a model of
     the background: of 61 windows of a parked tower (seeds 8500 to 8511) the pole's frequency was
     wrong by .39 lines rms, that of the lines by .44.
-
-    modes      of the lines
-    poles      of the same group
-    share      of the weaker axis in the power of the stronger one
-    duration   T of the window [s]
     """
     if share > MOST_OF_PARTNER:
         return list(modes)
@@ -84,12 +92,26 @@ def _with_pole(mode: Mode, poles: Sequence[Mode], duration: float) -> Mode:
 def along_axes(
     fit: WhittleFit, band: NarrowBand, members: Sequence[int], root: FloatArray
 ) -> PairAxes:
-    """Two entries of a pair: the axes along which the two shake most and least, each with the
-    mean frequency and damping of the power along it.
+    """Two entries of a pair: the axes along which the two shake most and least.
 
-    members   places of the two in the fit
-    root      of the covariance of all parameters, (n_parameters, n_columns)
+    Parameters
+    ----------
+    fit : WhittleFit
+        Of the band.
+    band : NarrowBand
+        Lines of the group.
+    members : sequence of int
+        Places of the two in the fit.
+    root : ndarray, shape (n_parameters, n_columns)
+        Of the covariance of all parameters.
 
+    Returns
+    -------
+    PairAxes
+        Each entry with the mean frequency and damping of the power along its axis.
+
+    Notes
+    -----
     Of a mode's shape φ_j the share w_j of an axis moves it: Δa = Σ c_j Δφ_j, a = Σ c_j φ_j, of
     which the part in the plane is replaced by a turn, whose std is √(power share of the other).
     """
@@ -121,10 +143,24 @@ def along_axes(
 def principal_axes(
     shapes: FloatArray, power: FloatArray, scales: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Power of the weaker axis over the stronger one's, and both axes in the samples' units,
-    (n_channels, 2): of scaled channels or of these, whichever makes their powers differ more.
+    """Power of the weaker axis over the stronger one's, and both axes in the samples' units.
 
-    shapes   of scaled channels, (n_channels, 2);  scales   (n_channels, 1)
+    Parameters
+    ----------
+    shapes : ndarray, shape (n_channels, 2)
+        Of scaled channels [-].
+    power : ndarray, shape (2, 2)
+        Covariance of the two modal coordinates.
+    scales : ndarray, shape (n_channels, 1)
+        From scaled channels to the samples' units.
+
+    Returns
+    -------
+    share : float
+        [-].
+    axes : ndarray, shape (n_channels, 2)
+        Of scaled channels or of those in the samples' units, whichever makes their powers differ
+        more.
     """
     both = (_principal(shapes, power, scales), _principal(scales * shapes, power, 1.0))
     return min(both, key=lambda found: found[0])

@@ -42,12 +42,21 @@ class Partner:
 def joint_pair(
     leader: Mode, frequencies: FloatArray, spreads: FloatArray, partner: Partner
 ) -> tuple[Mode, Mode]:
-    """Two entries that say what is known of a pair: frequencies, plane, rough axes.
+    """Two entries that hold what is known of a pair: frequencies, plane, rough axes.
 
-    leader        with the shape that most of the power belongs to
-    frequencies   mean ones of the power along the two axes, (2,) [Hz]
-    spreads       added in quadrature to their std, (2,) [Hz]
+    Parameters
+    ----------
+    leader : Mode
+        With the shape that most of the power belongs to.
+    frequencies : ndarray, shape (2,)
+        Mean ones of the power along the two axes [Hz].
+    spreads : ndarray, shape (2,)
+        Added in quadrature to their std [Hz].
+    partner : Partner
+        The other shape and how far the two may turn towards each other.
 
+    Notes
+    -----
     Each shape may be turned in the plane towards the other. Of axes that only their power
     distinguishes the angle is small only when the partner's power is: its std is sqrt(power share).
     It enters as one more column of the factor.

@@ -55,14 +55,30 @@ class Needed:
 def best_fit(
     band: NarrowBand, needed: Needed, *, most_modes: int, half_width: float, one_colour: bool
 ) -> BandFit | None:
-    """The fit of one mode, of two and so on, until a further one brings no evidence; None where a
-    flat background explains the lines as well.
+    """The fit of one mode, of two and so on, until a further one brings no evidence.
 
+    Parameters
+    ----------
+    band : NarrowBand
+        Lines to fit.
+    needed : Needed
+        The part of the band whose modes are asked for.
+    most_modes : int
+        Of a fit.
+    half_width : float
+        b = ζ f T to begin with [lines].
+    one_colour : bool
+        Of all modes of the band.
+
+    Returns
+    -------
+    BandFit or None
+        None where a flat background explains the lines as well.
+
+    Notes
+    -----
     What stands out beside the part that is needed shortens the band: that costs less than a mode
     more.
-
-    half_width   b = ζ f T to begin with [lines]
-    one_colour   of all modes of the band
     """
     n_channels = len(band.scales)
 
@@ -166,10 +182,31 @@ def told_apart_by_place(
 ) -> CloseModes | None:
     """Modes by what distinguishes them in a common subspace: the mean frequency of their power.
 
+    Parameters
+    ----------
+    band : NarrowBand
+        Lines to fit.
+    n_modes : int
+        How many modes are looked for.
+    half_width : float
+        b = ζ f T of each [lines].
+    noise : ndarray, shape (n_channels, n_channels)
+        N, the flat background to begin with.
+
+    Returns
+    -------
+    CloseModes or None
+        None where the lines have fewer than n_modes directions.
+
+    Notes
+    -----
     The lines' strongest n_modes directions are whitened; there the matrix of the power's first
     moment Σ (k − k̄) |y_k y_kᴴ| has the directions that differ most in mean frequency.
-    Source: Belouchrani et al. (1997), A blind source separation technique using second-order
-    statistics, IEEE Trans. Signal Process. 45, whose lagged covariance is here a first moment.
+
+    References
+    ----------
+    Belouchrani et al. (1997), A blind source separation technique using second-order statistics,
+    IEEE Trans. Signal Process. 45, whose lagged covariance is here a first moment.
     """
     values, vectors = np.linalg.eigh(band.matrices.sum(axis=0).real)
     if values[-n_modes] <= 1e-12 * values[-1]:

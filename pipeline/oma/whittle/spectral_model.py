@@ -222,8 +222,15 @@ def along_symmetric(matrices: FloatArray, n: int) -> FloatArray:
 def information_along_symmetric(matrices: ComplexArray, counts: FloatArray) -> FloatArray:
     """Σ n Re trace(E S E S') of each two.
 
-    matrices   E, Hermitian, (n_bins, n, n);  counts: n of each bin
+    Parameters
+    ----------
+    matrices : ndarray of complex, shape (n_bins, n, n)
+        E, Hermitian.
+    counts : ndarray, shape (n_bins,)
+        n of each bin.
 
+    Notes
+    -----
     trace(E e_a e_bᵀ E e_c e_dᵀ) = E_da E_bc; of (a, b) and (b, a), (c, d) and (d, c) the real parts
     of two are those of the other two.
     """

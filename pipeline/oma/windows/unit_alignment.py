@@ -132,9 +132,15 @@ class UnitStream:
 class UnitJoiner:
     """Puts the channels of a turbine's units side by side on one clock.
 
-    layouts    of the units, in the order of their channels
-    lateness   how long a unit that has nothing to say is waited for, in sensor time [s]
+    Parameters
+    ----------
+    layouts : sequence of SensorLayout
+        Of the units, in the order of their channels.
+    lateness : float
+        How long a unit that has nothing to say is waited for, in sensor time [s].
 
+    Notes
+    -----
     The grid has the lowest of the units' sampling rates. It begins with the unit that starts last,
     or with the first where another is more than `lateness` later. What no unit was there for is
     passed over in one step: the work is bounded by the samples that came, not by the time between.

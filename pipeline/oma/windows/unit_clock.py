@@ -226,7 +226,10 @@ def _bridged(samples: FloatArray, missing: BoolArray) -> FloatArray:
 class BlockMonitor:
     """Counts repeated, late and out-of-order blocks of a turbine and follows its clock.
 
-    lateness   how long an out-of-order block is waited for [s]
+    Parameters
+    ----------
+    lateness : float
+        How long an out-of-order block is waited for [s].
     """
 
     def __init__(self, lateness: float) -> None:

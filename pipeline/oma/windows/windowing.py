@@ -65,11 +65,20 @@ class Beginning:
 class BlockOrder:
     """Puts the blocks of one session in order: waits a little for a late one, drops repeats.
 
+    Parameters
+    ----------
+    lateness : float
+        How long a late block is waited for, in sensor time [s].
+    beginning : Beginning, optional
+        Where the session begins.
+    unused : collections.Counter, optional
+        Counts the blocks that came after they had been given up, "late", and those that came twice,
+        "duplicate".
+
+    Notes
+    -----
     Decisions depend on the blocks alone, never on when they arrived: a missing block is given up
     when one that begins more than `lateness` after it has come.
-
-    unused   counts the blocks that came after they had been given up, "late", and those that came
-             twice, "duplicate"
     """
 
     def __init__(

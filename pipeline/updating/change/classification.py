@@ -47,8 +47,17 @@ PAIRING_MISTAKE = float(SHIFTS[-1])  # τ_o of its ln f [-]
 def foundation_probability(step: Steps, known: Sensitivities, settings: ChangeSettings) -> float:
     """That a change was the foundation's, from its steps on frequencies uncut, (1, J) each.
 
-    known   its stiffness is zero for a track that is paired with no mode of the model
+    Parameters
+    ----------
+    step : Steps
+        Of one candidate.
+    known : Sensitivities
+        Its stiffness is zero for a track that is paired with no mode of the model.
+    settings : ChangeSettings
+        With π, `foundation_share`.
 
+    Notes
+    -----
         P = π E_foundation / (π E_foundation + (1 − π) E_drift),   π = settings.foundation_share
     """
     foundation = log_foundation_with_mistakes(step, known) + np.log(settings.foundation_share)

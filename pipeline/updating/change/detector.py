@@ -110,7 +110,14 @@ class ChangeDetector:
     ) -> ChangeState:
         """What is remembered after one more window.
 
-        sensitivities   of the state's tracks; those of tracks seen for the first time are unknown
+        Parameters
+        ----------
+        state : ChangeState
+            Of the windows before; returned as it is where the window saw nothing.
+        window : WatchedWindow
+            The next one.
+        sensitivities : Sensitivities, optional
+            Of the state's tracks; those of tracks seen for the first time are unknown.
         """
         if not window.seen:
             return state
@@ -195,6 +202,15 @@ def _padded(sensitivities: Sensitivities | None, n_tracks: int) -> Sensitivities
 def apart_from_water(known: Sensitivities, sums: ChangeSums) -> Sensitivities:
     """The sensitivities without what a level that follows from the modes takes of a change.
 
+    Parameters
+    ----------
+    known : Sensitivities
+        Returned as they are where the level is reported.
+    sums : ChangeSums
+        Of the same tracks.
+
+    Notes
+    -----
     What a change of the springs has in common with a rise of the water goes into the level as well
     (`level_from_modes`), so that only the rest of it can be seen: S loses what it shares with a,
 

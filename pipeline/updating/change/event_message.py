@@ -52,8 +52,16 @@ def watched_window(
 ) -> WatchedWindow:
     """The frequencies of the window that entered the evidence last, by track.
 
-    water_level         above the model's [m]
-    unknown_level_std   of a level that nothing reports [m]
+    Parameters
+    ----------
+    evidence : ModalEvidence
+        Of all windows so far.
+    estimate : ModalEstimate
+        Of the last one.
+    water_level : float
+        Above the model's [m].
+    unknown_level_std : float
+        Of a level that nothing reports [m].
     """
     latest = {
         mode.track: SeenFrequency(
@@ -98,8 +106,20 @@ def event_of(
 ) -> FoundationEvent:
     """The message of a change.
 
-    before   (3,) ratios k / nominal before it
-    pairs    which tracks are which modes of the model
+    Parameters
+    ----------
+    change : Change
+        When it began and by how much.
+    verdict : Verdict
+        Whether it was the foundation's.
+    state : ChangeState
+        Of all windows up to the estimate's.
+    estimate : ModalEstimate
+        Of the window in which the change was detected.
+    before : ndarray, shape (3,)
+        Ratios k / nominal before it [-].
+    pairs : sequence of TrackSensitivity
+        Which tracks are which modes of the model.
     """
     starts = state.sums.starts_ns
     drifted = change.kind == "modal-drift"
@@ -211,11 +231,25 @@ def measured_half_way(
 ) -> Change:
     """The change, measured by the mean of the slopes before and after it.
 
-    found     as measured by the slopes before it
-    modes     followed from the stiffness before, so that labels mean the same on both sides
-    before    (3,) ratios k / nominal before it
-    pairs     which tracks are which modes of the model, with the slopes there
+    Parameters
+    ----------
+    found : Change
+        As measured by the slopes before it.
+    state : ChangeState
+        Of all windows up to the one in which it was detected.
+    detector : ChangeDetector
+        That measures again.
+    modes : ForwardModel
+        Followed from the stiffness before, so that labels mean the same on both sides.
+    prior : Prior
+        Of the ratios; where no structure could stand after the change, it has none.
+    before : ndarray, shape (3,)
+        Ratios k / nominal before it [-].
+    pairs : sequence of TrackSensitivity
+        Which tracks are which modes of the model, with the slopes there.
 
+    Notes
+    -----
     A step of the modes' ln f is read as a change of the springs, κ, by the slopes
     S = ∂ ln f / ∂ ratio. A tenth of k22 changes the slopes by a tenth and more, so that those from
     before the change would report it as twelve percent. The mean of the slopes before and after,

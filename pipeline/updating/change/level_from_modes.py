@@ -45,7 +45,12 @@ class LastLevel:
     def mobility(self, start_ns: int, level_std: float) -> float:
         """q, standard deviation of what the level has moved until start_ns [m].
 
-        level_std   s, of a level that nothing reports [m]
+        Parameters
+        ----------
+        start_ns : int
+            Of the next window [ns].
+        level_std : float
+            s, of a level that nothing reports [m].
         """
         if self.time_ns is None:
             return level_std
@@ -58,7 +63,18 @@ def with_level_from_modes(
 ) -> WatchedWindow:
     """The window at the level that its frequencies imply; as the last one where none depends on it.
 
-    water   the model's slope a [1/m] and curvature b [1/m²] of every track, (J, 2)
+    Parameters
+    ----------
+    window : WatchedWindow
+        Whose level nothing reports.
+    sums : ChangeSums
+        Of the windows before it.
+    seen : Seen
+        The window by the sums' columns.
+    water : ndarray, shape (J, 2)
+        The model's slope a [1/m] and curvature b [1/m²] of every track.
+    last : LastLevel
+        Level of the last window and its time.
     """
     window = replace(window, water_level=last.level)
     mobility = max(last.mobility(window.start_ns, window.level_std), LEAST_MOBILITY)

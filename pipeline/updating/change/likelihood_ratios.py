@@ -83,7 +83,12 @@ class StiffnessStep:
 def log_foundation(steps: Steps, stiffness: FloatArray) -> FloatArray:
     """(K,) log likelihood ratio of a change of stiffness that began with each candidate.
 
-    stiffness   S, (J, 3)
+    Parameters
+    ----------
+    steps : Steps
+        Of all candidates, (K, J).
+    stiffness : ndarray, shape (J, 3)
+        S = ∂ ln f / ∂ (k / nominal) [-].
     """
     gradient = (steps.g @ stiffness).T  # G, (3, K)
     hessian = (steps.h @ (stiffness[:, UPPER[0]] * stiffness[:, UPPER[1]])).T  # (6, K)
@@ -111,6 +116,15 @@ def _solved(matrix: FloatArray, vector: FloatArray) -> tuple[FloatArray, FloatAr
 def stiffness_step(step: Steps, known: Sensitivities) -> StiffnessStep:
     """κ and its covariance from one candidate's steps, (1, J).
 
+    Parameters
+    ----------
+    step : Steps
+        Of one candidate.
+    known : Sensitivities
+        Of the same tracks.
+
+    Notes
+    -----
     Iterated least squares with the weights of Student's t: one mode that jumped to its sister
     must not be read as a stiffness. Slopes of a rough model have an error, so that each step
     has one of its size. A level that follows from the modes is found with κ: what it took of the

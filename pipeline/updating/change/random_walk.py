@@ -127,9 +127,18 @@ def kalman_step(
 ) -> WalkState:
     """The filters after one more window.
 
-    sums            of the windows before it
-    observed        the window by the sums' columns
-    sensitivities   of the sums' tracks
+    Parameters
+    ----------
+    state : WalkState
+        After the window before.
+    sums : ChangeSums
+        Of the windows before it.
+    window : WatchedWindow
+        The next one.
+    observed : Seen
+        The window by the sums' columns.
+    sensitivities : Sensitivities
+        Of the sums' tracks.
     """
     covariances = state.covariances + window.weight * WALKED
     seen, errors, variances, levels = _from_the_mean(sums, window, observed, sensitivities)

@@ -66,12 +66,25 @@ def revised_step(
     rough: bool = False,
     level_std: float = 0.0,
 ) -> StiffnessStep | None:
-    """By how much k / nominal has changed, by all windows since; None where no mode was seen
-    before and after.
+    """By how much k / nominal has changed, by all windows since an event.
 
-    since   sums from the event on
-    pairs   with the slopes of the springs now
-    rough, level_std   as of `Sensitivities`
+    Parameters
+    ----------
+    earlier : BeforeEvent
+        What is remembered of the time before the event.
+    since : ChangeSums
+        Sums from the event on.
+    pairs : sequence of TrackSensitivity
+        With the slopes of the springs now.
+    rough : bool, optional
+        As of `Sensitivities`.
+    level_std : float, optional
+        As of `Sensitivities` [m].
+
+    Returns
+    -------
+    StiffnessStep or None
+        None where no mode was seen before and after.
     """
     both = _joined(earlier, since)
     half_way = _half_way(earlier.pairs, pairs)

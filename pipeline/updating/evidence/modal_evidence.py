@@ -44,12 +44,24 @@ def jumped_from(
     followed: Sequence[int],
     window: int,
 ) -> list[int]:
-    """For each observation that continues no mode, the one of which it may be the continuation
-    after a jump of frequency, or −1.
+    """For each observation the mode that it may continue after a jump of frequency, or −1.
 
-    That is the nearest mode of like shape that most windows saw and this one did not. The two stay
-    apart as evidence, since a mean over both would be neither's frequency, but share a track: on
-    it a change is detected.
+    Parameters
+    ----------
+    modes : sequence of ModeEvidence
+        Of the evidence so far.
+    seen : sequence of ModeObservation
+        Of the window.
+    followed : sequence of int
+        For each observation the mode it continues, or −1 (`followed_by`).
+    window : int
+        Number of the window.
+
+    Notes
+    -----
+    For an observation that continues no mode, that is the nearest mode of like shape that most
+    windows saw and this one did not. The two stay apart as evidence, since a mean over both would
+    be neither's frequency, but share a track: on it a change is detected.
     """
     missed = [
         number
@@ -80,6 +92,15 @@ def jumped_from(
 def followed_by(modes: Sequence[ModeEvidence], seen: Sequence[ModeObservation]) -> list[int]:
     """For each observation the mode it continues, or −1 where it opens a new one.
 
+    Parameters
+    ----------
+    modes : sequence of ModeEvidence
+        Of the evidence so far.
+    seen : sequence of ModeObservation
+        Of the window.
+
+    Notes
+    -----
     Assignment on (Δ ln f / s)² + ((1 − MAC) / .15)², beyond 9 a new mode; s is .3 % and both
     standard deviations together, at most 1 %. Δ is to the mean of all windows or to the last that
     saw the mode, whichever is nearer: a tide moves some modes by 1 % and more. Names given by the
@@ -137,9 +158,13 @@ MOST_MODES = 150  # remembered; those seen most rarely are forgotten first
 class ModalEvidence:
     """All evidence of the accepted windows: one ModeEvidence a mode, lowest frequency first.
 
-    channels           names in the order of the sensor layout; estimates are mapped by name
-    joint_covariance   whether the correlations among one mode's f and φ are kept, or only the
-                       variances as in [foundation-updating] §2.3
+    Attributes
+    ----------
+    channels : tuple of str
+        Names in the order of the sensor layout; estimates are mapped by name.
+    joint_covariance : bool
+        Whether the correlations among one mode's f and φ are kept, or only the variances as in
+        [foundation-updating] §2.3.
     """
 
     channels: tuple[str, ...]
@@ -158,9 +183,19 @@ class ModalEvidence:
     """
 
     def with_estimate(self, estimate: ModalEstimate, *, rise: float = 0.0) -> "ModalEvidence":
-        """The evidence after one more window. Raises EstimateRefused; self never changes.
+        """The evidence after one more window; self never changes.
 
-        rise   of the water above the model's level [m]
+        Parameters
+        ----------
+        estimate : ModalEstimate
+            Of the window.
+        rise : float, optional
+            Of the water above the model's level [m].
+
+        Raises
+        ------
+        EstimateRefused
+            As `mode_observations` does.
         """
         return self.with_window(
             SeenWindow.of(estimate, mode_observations(estimate, self.channels), rise)
@@ -206,7 +241,12 @@ class ModalEvidence:
     def with_channels(self, order: Sequence[int], signs: Sequence[float]) -> "ModalEvidence":
         """The evidence as if every channel had read what another one did, times a sign.
 
-        order   (n_channels,) whose values each channel really has
+        Parameters
+        ----------
+        order : sequence of int
+            (n_channels,) whose values each channel really has.
+        signs : sequence of float
+            (n_channels,) 1 or −1 of each [-].
         """
         if tuple(order) == tuple(range(len(order))) and all(sign == 1 for sign in signs):
             return self
@@ -238,7 +278,10 @@ class ModalEvidence:
     def at_model_level(self, partners: Sequence["PartnerInWater | None"]) -> "ModalEvidence":
         """The evidence as if every window had had the model's water level.
 
-        partners   of each mode; None for one that has no partner in the model
+        Parameters
+        ----------
+        partners : sequence of PartnerInWater or None
+            Of each mode; None for one that has no partner in the model.
         """
         modes = [
             mode if partner is None else mode.at_model_level(partner)

@@ -108,7 +108,19 @@ class ModeEvidence:
     ) -> "ModeEvidence":
         """Evidence after one more window, its information multiplied by weight.
 
-        rise   of the water above the model's level [m]
+        Parameters
+        ----------
+        observation : ModeObservation
+            What the window saw of the mode.
+        window : int
+            Number of the window.
+        weight : float
+            On the window's information [-].
+        joint_covariance : bool
+            The whole covariance counts where there are blocks enough to invert it; else variances
+            only.
+        rise : float, optional
+            Of the water above the model's level [m].
         """
         observation = observation.normalised_to(self.unit_component)
         known = np.flatnonzero(np.linalg.norm(observation.factor, axis=1) > 0)

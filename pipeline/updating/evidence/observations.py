@@ -108,8 +108,18 @@ class SeenWindow:
 def mode_observations(estimate: ModalEstimate, channels: Sequence[str]) -> list[ModeObservation]:
     """Every mode of an estimate on the layout's channels, the members of a close pair as one.
 
-    Raises EstimateRefused for no mode at all, for a channel the layout doesn't have, and for a
-    covariance that is not finite or not positive.
+    Parameters
+    ----------
+    estimate : ModalEstimate
+        Of one window.
+    channels : sequence of str
+        The layout's.
+
+    Raises
+    ------
+    EstimateRefused
+        For no mode at all, for a channel the layout doesn't have, and for a covariance that is not
+        finite or not positive.
     """
     if not estimate.modes:
         raise EstimateRefused("no-modes", "no mode was identified")

@@ -144,6 +144,20 @@ class StudentErrors:
 def tail_nodes(degrees: float, n_nodes: int = TAIL_NODES) -> tuple[FloatArray, FloatArray]:
     """Nodes λ and their probabilities for an inverse gamma of shape and scale ν/2.
 
+    Parameters
+    ----------
+    degrees : float
+        ν [-].
+    n_nodes : int, optional
+        How many nodes.
+
+    Returns
+    -------
+    nodes, masses : ndarray, shape (n_nodes,)
+        λ and their probabilities [-].
+
+    Notes
+    -----
     Equal steps of ln λ between the quantiles .05 and .9999, each with the probability of its step:
     the far ones, rare as they are, are what makes the tail. With Q the regularised upper
     incomplete gamma function, P(λ < x) = Q(ν/2, ν/2x); `scipy.stats`, which has it by name, takes

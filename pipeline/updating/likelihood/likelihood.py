@@ -112,10 +112,22 @@ def observations(
 ) -> tuple[ModeComparison, ...]:
     """One observation a paired mode.
 
-    model_frequencies   (n_model,) of all visible modes at the pairing's stiffness [Hz]
-    mac                 (n_identified, n_model) there [-]; None: every shape is taken as it is, and
-                        every neighbour's for a like one
+    Parameters
+    ----------
+    evidence : ModalEvidence
+        With the identified modes.
+    pairing : Pairing
+        Of these with modes of the model.
+    model_frequencies : ndarray, shape (n_model,)
+        Of all visible modes at the pairing's stiffness [Hz].
+    settings : LikelihoodSettings
+        With the resolution in 1/T.
+    mac : ndarray, shape (n_identified, n_model), optional
+        At the pairing's stiffness [-]; None: every shape is taken as it is, and every neighbour's
+        for a like one.
 
+    Notes
+    -----
     A window of duration T does not resolve modes nearer than about 1/T: what was identified may be
     either of them or a mixture. Then only the frequency is used, with the gap as a further standard
     deviation; a close pair that the identification itself declared is compared by its mean with the
@@ -169,6 +181,15 @@ def _stands_apart(gaps: FloatArray, mac: FloatArray | None, settings: Likelihood
 def sigma_grid(highest: float, n_points: int) -> tuple[FloatArray, FloatArray]:
     """Nodes of σ in [0, highest] and their trapezoid weights, (n_points,) each.
 
+    Parameters
+    ----------
+    highest : float
+        Of σ [-].
+    n_points : int
+        How many nodes.
+
+    Notes
+    -----
     Even steps near zero, geometric ones above, so that a narrow posterior of σ is resolved
     wherever it lies. The weights carry the uniform prior 1 / highest.
     """

@@ -101,8 +101,12 @@ class ModeErrors:
 def student_weights(squares: FloatArray, counts: NDArray[Any]) -> FloatArray:
     """(g,) (ν + n) / (ν + χ²) of Student's t, at most 1.
 
-    squares   χ² of each group of components, (g,)
-    counts    n of its components, (g,)
+    Parameters
+    ----------
+    squares : ndarray, shape (g,)
+        χ² of each group of components [-].
+    counts : ndarray, shape (g,)
+        n of its components.
     """
     return np.minimum((STUDENT_DEGREES + counts) / (STUDENT_DEGREES + squares), 1.0)
 
@@ -116,7 +120,18 @@ def mode_errors(
 ) -> ModeErrors:
     """Compare the paired modes.
 
-    modes   of the model at one point, with derivatives by its coordinates u
+    Parameters
+    ----------
+    evidence : ModalEvidence
+        With the identified modes.
+    pairing : Pairing
+        Of these with modes of the model.
+    used : tuple of ModeComparison
+        What of each paired mode is compared.
+    modes : Linearisation
+        Of the model at one point, with derivatives by its coordinates u.
+    settings : LikelihoodSettings
+        With the floors of the errors.
     """
     measured = _measured(evidence)
     frequencies = _frequency_rows(measured, used, modes, settings)

@@ -80,9 +80,16 @@ class PairingTargets:
     ) -> "PairingTargets":
         """Targets of the combined modes.
 
-        reach   [Hz] the model's highest mode at nominal stiffness. Another stiffness may move it
-                past a mode that the model doesn't hold, so what lies just below is paired where
-                it can be, but its lack of a partner means nothing.
+        Parameters
+        ----------
+        modes : sequence of ModeEvidence
+            Of all windows.
+        n_windows : int
+            How many these are.
+        reach : float, optional
+            The model's highest mode at nominal stiffness [Hz]. Another stiffness may move it past a
+            mode that the model doesn't hold, so what lies just below is paired where it can be, but
+            its lack of a partner means nothing.
         """
         shapes = np.array([mode.shape for mode in modes])
         frequencies = np.array([mode.frequency for mode in modes])
@@ -125,8 +132,17 @@ def pairing_costs(
 def macs(targets: PairingTargets, shapes: FloatArray) -> FloatArray:
     """MAC of every identified with every model shape, on the channels that were measured.
 
-    shapes    (n, n_model, n_channels)
-    returns   (n, n_identified, n_model); 1 for identified modes without a shape
+    Parameters
+    ----------
+    targets : PairingTargets
+        With the identified shapes.
+    shapes : ndarray, shape (n, n_model, n_channels)
+        Of the model [-].
+
+    Returns
+    -------
+    ndarray, shape (n, n_identified, n_model)
+        1 for identified modes without a shape [-].
     """
     values = np.ones((len(shapes), len(targets.shapes), shapes.shape[1]))
     for mask, rows in _by_channels(targets):
@@ -148,8 +164,19 @@ def assigned(
 ) -> Pairing:
     """The cheapest assignment of identified to model modes, each used once.
 
-    costs   (n_identified, n_model)
+    Parameters
+    ----------
+    costs : ndarray, shape (n_identified, n_model)
+        Of every pair [-].
+    targets : PairingTargets
+        With the weights of the identified modes.
+    ratios : ndarray, shape (3,)
+        k / nominal at which the costs were computed [-].
+    rejection : float
+        Cost of leaving a mode alone [-].
 
+    Notes
+    -----
     Leaving a mode alone costs `rejection`, so a pair that costs more is never made; clipping the
     costs there has the same effect in the Hungarian algorithm as a column of dummies.
     """
@@ -196,8 +223,13 @@ class PairingSearch:
     def best(self, targets: PairingTargets, start: FloatArray | None = None) -> Pairing:
         """The cheapest pairing at the finest tolerance.
 
-        start   (3,) ratios to refine as well, e.g. the last posterior's median. It is one start
-                among others: a wrong one cannot win against a cheaper one.
+        Parameters
+        ----------
+        targets : PairingTargets
+            The identified modes.
+        start : ndarray, shape (3,), optional
+            Ratios to refine as well, e.g. the last posterior's median [-]. It is one start among
+            others: a wrong one cannot win against a cheaper one.
         """
         widest, *narrower = self._settings.tolerances
         tried = self._followed(targets, self._draws[self._cheapest_draws(targets)], (widest,))

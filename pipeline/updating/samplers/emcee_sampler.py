@@ -22,12 +22,31 @@ def fitted_student_proposal(
 ) -> tuple[FloatArray, FloatArray]:
     """Draw independently from a Student-t with mean and covariance of the other half's walkers.
 
+    Parameters
+    ----------
+    moving : ndarray, shape (n, n_dim)
+        Walkers that a step is proposed to.
+    standing : list of ndarray, shape (n_standing, n_dim)
+        The other half's walkers.
+    random : numpy.random.RandomState
+        emcee's own.
+
+    Returns
+    -------
+    proposed : ndarray, shape (n, n_dim)
+        Points.
+    log_ratio : ndarray, shape (n,)
+        log q(old) − log q(new).
+
+    Notes
+    -----
     A Gaussian kernel density of the same walkers (emcee's KDEMove) has light tails: a walker that
     starts further out than its fellows is hardly ever proposed a way back, and stays. The step
-    obeys detailed balance because the other half stands still while this one moves
-    (Foreman-Mackey et al. 2013, §2).
+    obeys detailed balance because the other half stands still while this one moves.
 
-    Returns proposed points, (n, n_dim), and log q(old) − log q(new), (n,).
+    References
+    ----------
+    Foreman-Mackey et al. 2013, §2.
     """
     others = np.concatenate(standing, axis=0)
     mean = others.mean(axis=0)
@@ -124,8 +143,21 @@ def ensemble_chains(
     settings: SamplerSettings,
     generator: np.random.Generator,
 ) -> Chains:
-    """Chains of an ensemble sampler from start, (n_walkers, n_dim), all of finite density.
+    """Chains of an ensemble sampler from points of finite density.
 
+    Parameters
+    ----------
+    log_density : LogDensity
+        Of (n, n_dim) points.
+    start : ndarray, shape (n_walkers, n_dim)
+        All of finite density.
+    settings : SamplerSettings
+        With the length of the chains.
+    generator : numpy.random.Generator
+        That the sampler is seeded with.
+
+    Notes
+    -----
     Each half of the walkers proposes from a density fitted to the other half (`moves`). On sharp,
     strongly correlated posteriors such chains forget within a few steps where the stretch move
     needs fifty. The chain grows by blocks until it is 50 autocorrelation times long.

@@ -281,7 +281,20 @@ def drawn_until(
 ) -> WeightedDraws:
     """Draws of one proposal until enough of them count, or a smaller share than `least` does.
 
-    expected   efficiency that sizes the first batch [-]
+    Parameters
+    ----------
+    density : CountedDensity
+        Of the posterior.
+    proposal : StudentMixture
+        That the draws come from.
+    settings : ImportanceSettings
+        With the effective draws that are enough.
+    generator : numpy.random.Generator
+        That they are drawn with.
+    expected : float
+        Efficiency that sizes the first batch [-].
+    least : float
+        Efficiency below which it ends [-].
     """
     n = int(np.ceil(settings.effective_draws / np.clip(expected, least, 1.0)))
     drawn = weighted_draws(density, proposal, n, generator)

@@ -91,6 +91,19 @@ def ensemble_start(
 ) -> FloatArray:
     """(n, n_dim) points of positive density where walkers may start.
 
+    Parameters
+    ----------
+    target : Target
+        With the posterior's peak, and the last posterior's draws where there are any.
+    density : CountedDensity
+        Of the posterior.
+    n : int
+        How many points.
+    generator : numpy.random.Generator
+        That they are drawn with.
+
+    Notes
+    -----
     Draws of the last posterior while the peak still lies among them; else points around the peak,
     wider than the posterior: chains that start apart and come together show that they have
     converged.

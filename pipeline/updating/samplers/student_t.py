@@ -103,9 +103,26 @@ def fitted_mixture(
 ) -> StudentMixture:
     """The mixture of 1, 2, 4, … components that explains weighted points best by AIC.
 
-    points    (n, n_dim)
-    weights   (n,), of any sum
+    Parameters
+    ----------
+    points : ndarray, shape (n, n_dim)
+        Draws.
+    weights : ndarray, shape (n,)
+        Of any sum [-].
+    generator : numpy.random.Generator
+        That thins the points and starts the fit.
+    most_components : int, optional
+        Of the mixture.
+    degrees : float, optional
+        ν of every component [-].
 
+    Raises
+    ------
+    ValueError
+        If the weights are not finite, or all zero.
+
+    Notes
+    -----
     The sample size is Kish's, since a point of great weight is still one point. AIC, not BIC: a
     proposal with a component too many costs nothing, one too few loses a bent posterior's arms.
     """

@@ -279,6 +279,19 @@ def tempered_population(
 ) -> Population:
     """Samples of the posterior by tempering with adapted steps.
 
+    Parameters
+    ----------
+    target : Target
+        With the prior.
+    density : CountedDensity
+        Of the posterior.
+    settings : TemperingSettings
+        With the number of particles and the weights' variation in a stage.
+    generator : numpy.random.Generator
+        That they are drawn with.
+
+    Notes
+    -----
     Each stage resamples, then walks until its samples have forgotten where they started. The step
     length starts at 2.38/√d standard deviations and follows the acceptance towards
     GOOD_ACCEPTANCE (Robbins and Monro), through all stages.

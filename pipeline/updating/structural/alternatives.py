@@ -205,9 +205,16 @@ class JointInference:
     ) -> JointResult | None:
         """The joint posterior; None where no alternative can be compared with the evidence.
 
-        level_std   of the water level in the evidence [m]
-        starts      alternative's name → where its last fit ended
-        tolerance   of the pairing in ln f [-]
+        Parameters
+        ----------
+        evidence : ModalEvidence
+            Of all windows.
+        level_std : float
+            Of the water level in the evidence [m].
+        starts : mapping of str to WarmStart, optional
+            Alternative's name → where its last fit ended.
+        tolerance : float, optional
+            Of the pairing in ln f [-].
         """
         found = []
         fits = [

@@ -56,7 +56,18 @@ def joint_inference(
 ) -> JointInference | None:
     """Springs and figures of one turbine; None where its structure is taken as exact.
 
-    A description with a calibration begins with what that reports of the figures.
+    Parameters
+    ----------
+    turbine : TurbineDescription
+        One with a calibration begins with what that reports of the figures.
+    layout : SensorLayout
+        Where the sensors are.
+    settings : UpdatingSettings
+        With the priors of springs and figures.
+    seed : int, optional
+        Of the starts of the fits.
+    population : StiffnessPopulation, optional
+        What a farm's other turbines imply of this one's springs; None: the turbine alone.
 
     Raises
     ------

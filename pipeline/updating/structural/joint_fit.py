@@ -108,9 +108,18 @@ class JointFit(JointModel):
     ) -> JointPeak | None:
         """The cheapest end of descents from several points; None where none can be compared.
 
-        starts      (n_dim,) to be tried first, e.g. the last window's peak
-        sigma       model discrepancy beyond the floors [-]
-        good_cost   per degree of freedom, at which no further start is tried; None: the settings'
+        Parameters
+        ----------
+        evidence : ModalEvidence
+            Of all windows.
+        starts : sequence of ndarray, shape (n_dim,), optional
+            To be tried first, e.g. the last window's peak.
+        sigma : float, optional
+            Model discrepancy beyond the floors [-].
+        good_cost : float, optional
+            Per degree of freedom, at which no further start is tried; None: the settings' [-].
+        most_starts : int, optional
+            That are tried at all; None: the settings'.
         """
         return self._cheapest_end(
             evidence,

@@ -62,8 +62,22 @@ def joint_message(
 ) -> FoundationPosterior:
     """The posterior after one window.
 
-    model   with the figures at the peak, its modes followed from the springs there
-    now     (n_draws, 4) ratios of the springs in the estimate's window, and σ
+    Parameters
+    ----------
+    estimate : ModalEstimate
+        Of the window.
+    found : JointRefresh
+        The joint posterior after it.
+    model : ModalModel
+        With the figures at the peak, its modes followed from the springs there.
+    now : ndarray, shape (n_draws, 4)
+        Ratios of the springs in the estimate's window, and σ [-].
+    prior : Prior
+        Of the ratios.
+    guards : AcceptanceSettings
+        Thresholds of the quality warnings.
+    reference_ns : int
+        End of the reference period [ns].
     """
     best = found.best
     comparison = best.peak.comparison

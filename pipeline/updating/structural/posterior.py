@@ -106,7 +106,18 @@ def joint_posterior(
 ) -> JointPosterior:
     """The posterior about a peak, σ uniform up to its highest.
 
-    common   factor on the variances where errors of a rough model are common to so many modes [-]
+    Parameters
+    ----------
+    peak : JointPeak
+        Of the joint fit.
+    coordinates : JointCoordinates
+        With the prior of springs and figures.
+    highest_sigma : float
+        Of the uniform prior [-].
+    n_sigma : int
+        Nodes of σ.
+    common : float, optional
+        Factor on the variances where errors of a rough model are common to so many modes [-].
     """
     sigma, widths = sigma_grid(highest_sigma, n_sigma)
     prior, off = coordinates.prior_precision, peak.u - coordinates.origin
@@ -145,11 +156,21 @@ def _log_density(found: ModeErrors, sigma: float) -> float:
 def figure_errors(
     u: FloatArray, covariance: FloatArray, coordinates: JointCoordinates
 ) -> FloatArray:
-    """(q + 1, 3) ln (true / estimated spring) by an error of one prior standard deviation of each
-    of the description's figures and of the level.
+    """ln (true / estimated spring) by an error of one prior std of each figure and of the level.
 
-    u            (n_dim,) peak
-    covariance   (n_dim, n_dim) of the joint posterior
+    Parameters
+    ----------
+    u : ndarray, shape (n_dim,)
+        Peak.
+    covariance : ndarray, shape (n_dim, n_dim)
+        Of the joint posterior.
+    coordinates : JointCoordinates
+        With the priors of the description's figures and of the level.
+
+    Returns
+    -------
+    ndarray, shape (q + 1, 3)
+        Rows: the q figures, then the level; columns: the springs [-].
     """
     places = np.arange(N_SPRINGS, N_SPRINGS + len(coordinates.figures) + 1)
     values, vectors = np.linalg.eigh(coordinates.prior_precision[np.ix_(places, places)])

@@ -95,9 +95,18 @@ class JointPoint:
 class JointCoordinates:
     """u ↔ springs, figures and level of one turbine.
 
-    level_std   of the water level in the evidence [m]; 0 on land
-    n_sensors   figures of the sensors (`sensor_figures`), after the level
-    belief      Gaussian of u from a calibration or a farm; None: the priors of the figures
+    Parameters
+    ----------
+    nominal : ndarray, shape (3,)
+        Nominal springs [N/m, N·m/rad, N/rad].
+    figures : sequence of UncertainFigure
+        Of the structure.
+    level_std : float
+        Of the water level in the evidence [m]; 0 on land.
+    sensor_names : sequence of str, optional
+        Figures of the sensors (`sensor_figures`), after the level.
+    belief : GaussianBelief, optional
+        Gaussian of u from a calibration or a farm; None: the priors of the figures.
     """
 
     def __init__(

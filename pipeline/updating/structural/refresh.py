@@ -115,12 +115,24 @@ def joint_refresh(
 ) -> JointRefresh | None:
     """The joint posterior; None where no mode can be compared with any structure.
 
-    measured    with the windows' water levels in it
-    warm        of the last refresh
-    guards      thresholds beyond which the modes are not this structure's
-    reference   evidence of a period to compare with
-    last_fault  name of the sensor's fault that the last refresh found
-    searched_windows   in the evidence when faults were last looked for in vain
+    Parameters
+    ----------
+    inference : JointInference
+        Of the turbine.
+    measured : ModalEvidence
+        With the windows' water levels in it.
+    warm : sequence of WarmStart
+        Of the last refresh.
+    generator : numpy.random.Generator
+        That the posterior is drawn with.
+    guards : AcceptanceSettings, optional
+        Thresholds beyond which the modes are not this structure's.
+    reference : ModalEvidence, optional
+        Evidence of a period to compare with.
+    last_fault : str, optional
+        Name of the sensor's fault that the last refresh found.
+    searched_windows : int, optional
+        In the evidence when faults were last looked for in vain.
     """
     guards = guards or AcceptanceSettings()
     level_std = _level_std(inference, measured)

@@ -84,9 +84,17 @@ UNCERTAIN = StructureSettings(exact=False)  # what a scenario that does not ment
 def structure_settings(table: Any, where: str) -> StructureSettings:
     """Read [structure].
 
-    where   file and section, for errors
+    Parameters
+    ----------
+    table : object
+        The section as the file has it.
+    where : str
+        File and section, for errors.
 
-    Raises UpdatingError, one line: an unknown key, or a value that is no standard deviation.
+    Raises
+    ------
+    UpdatingError
+        In one line: an unknown key, or a value that is no standard deviation.
     """
     if not isinstance(table, Mapping) or set(table) - {"uncertain"}:
         keys = list(table) if isinstance(table, Mapping) else table

@@ -181,6 +181,15 @@ def power_spectral_densities(
 ) -> tuple[FloatArray, NDArray[np.float32]]:
     """Estimate frequencies (n,) [Hz] and one-sided densities (n, n_channels) [(m/s²)²/Hz].
 
+    Parameters
+    ----------
+    samples : ndarray, shape (n_samples, n_channels)
+        [m/s²].
+    sampling_rate : float
+        [Hz].
+
+    Notes
+    -----
     Welch's method with Hann segments of SEGMENT [s] that overlap by half, each without its mean.
     Single precision suffices: its rounding is some 13 decades below the signal.
     """

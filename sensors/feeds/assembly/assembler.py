@@ -36,12 +36,19 @@ SHORTEST_LIMIT = 4096  # samples that a message may always have
 class Assembler:
     """Puts together the channels of one unit.
 
-    layout          which channels there are, and in which unit they come
-    counts          takes what is late, duplicate, unknown or wild
-    sampling_rate   [Hz]; None: as the messages state, or the stamps of single samples; what they
-                    state for long enough begins a session at another rate
-    block           length of a block [s]
-    wait            for a channel that is late [s of sensor time]; at least two messages' length
+    Parameters
+    ----------
+    layout : LayoutFile
+        Which channels there are, and in which unit they come.
+    counts : FeedCounts
+        Takes what is late, duplicate, unknown or wild.
+    sampling_rate : float, optional
+        [Hz]; None: as the messages state, or the stamps of single samples; what they state for long
+        enough begins a session at another rate.
+    block : float, optional
+        Length of a block [s].
+    wait : float, optional
+        For a channel that is late [s of sensor time]; at least two messages' length.
     """
 
     def __init__(

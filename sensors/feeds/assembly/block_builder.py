@@ -35,11 +35,19 @@ class SessionNames:
 class RowCutter:
     """Cuts the rows of one unit into blocks.
 
-    layout          of the columns
-    sampling_rate   [Hz]
-    size            of a block [samples]
-    sessions        names them
+    Parameters
+    ----------
+    layout : SensorLayout
+        Of the columns.
+    sampling_rate : float
+        [Hz].
+    size : int
+        Of a block [samples].
+    sessions : SessionNames
+        Names the sessions.
 
+    Notes
+    -----
     `part` ends the session: the next row begins another one.
     """
 
@@ -66,10 +74,16 @@ class RowCutter:
     ) -> Iterator[AccelerationBlock]:
         """Take more rows; give the blocks that are complete.
 
-        first       index of the first row, never below one given before
-        rows        (n, n_channels); NaN where a channel has no sample
-        time_of     index → time of the row [ns]
-        status_of   first and end index → what the instrument reported of the rows
+        Parameters
+        ----------
+        first : int
+            Index of the first row, never below one given before.
+        rows : ndarray, shape (n, n_channels)
+            NaN where a channel has no sample; in the channels' units.
+        time_of : callable
+            Index → time of the row [ns].
+        status_of : callable, optional
+            First and end index → what the instrument reported of the rows; OK by default.
         """
         present = np.asarray(~np.isnan(rows).all(axis=1))
         edges = [0, *np.flatnonzero(np.diff(present)) + 1, len(rows)]

@@ -74,7 +74,12 @@ def sensor_layout(layout: FeedLayout) -> SensorLayout:
 def factor_of(channel: MappedChannel, stated: str) -> float:
     """Return what a sample is multiplied by to be in the channel's standard unit.
 
-    stated   unit of the samples by the message's own words; the layout's unit takes precedence
+    Parameters
+    ----------
+    channel : MappedChannel
+        With its unit and sensitivity where the layout states them.
+    stated : str
+        Unit of the samples by the message's own words; the layout's unit takes precedence.
     """
     _, factor = in_standard_unit(channel.unit or stated or UNSAID)
     return factor / (channel.sensitivity or 1.0)

@@ -22,8 +22,12 @@ STAMPS = 64  # single samples whose stamps give their rate
 class UnitClock:
     """When each sample of a unit was taken: index 0 at the first stamp, then one a period.
 
-    start_ns        stamp of the sample with index 0 [ns]
-    sampling_rate   nominal [Hz]
+    Parameters
+    ----------
+    start_ns : int
+        Stamp of the sample with index 0 [ns].
+    sampling_rate : float
+        Nominal [Hz].
     """
 
     def __init__(self, start_ns: int, sampling_rate: float) -> None:

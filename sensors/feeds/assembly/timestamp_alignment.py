@@ -33,9 +33,14 @@ FEW_SAMPLES = 64  # samples, before which the first stamp's own jitter is still 
 class WaitingRows:
     """The newest rows of one session, by index on its clock: they wait for all channels' samples.
 
-    cutter      takes the rows that are done
-    n_columns   of a row
-    wait        for a channel that is late [samples]
+    Parameters
+    ----------
+    cutter : RowCutter
+        Takes the rows that are done.
+    n_columns : int
+        Of a row.
+    wait : int
+        For a channel that is late [samples].
     """
 
     def __init__(self, cutter: RowCutter, n_columns: int, wait: int) -> None:
@@ -116,13 +121,22 @@ class _Stream:
 class TimestampAligner:
     """Puts the messages of one unit where they belong.
 
-    first     the first message: index 0 is its first sample
-    columns   of the channels
-    counts    takes what is late, duplicate or wild
-    rate      [Hz]
-    size      of a block [samples]
-    wait      for a channel that is late [s of sensor time]
-    sessions  names them
+    Parameters
+    ----------
+    first : ChannelSamples
+        The first message: index 0 is its first sample.
+    columns : LayoutColumns
+        Of the channels.
+    counts : FeedCounts
+        Takes what is late, duplicate or wild.
+    rate : float
+        [Hz].
+    size : int
+        Of a block [samples].
+    wait : float
+        For a channel that is late [s of sensor time].
+    sessions : SessionNames
+        Names the sessions.
     """
 
     def __init__(

@@ -107,6 +107,15 @@ def _of_file(path: Path) -> dict[str, str]:
 async def found_nodes(client: Any, names: Iterable[str], declared: Mapping[str, str]) -> list[Any]:
     """The variables of the channels, in order.
 
+    Parameters
+    ----------
+    client : asyncua.Client
+        Connected.
+    names : iterable of str
+        Of the channels.
+    declared : mapping of str to str
+        Channel → id of its node, where the address states it.
+
     Raises
     ------
     FeedError

@@ -165,14 +165,25 @@ class ValuesReader(Protocol):
 class OpcUaFeed:
     """The values of some variables of one server.
 
-    address    its options choose
-    names      of the variables
-    reader     of their values
-    counts     that the reader writes too
-    once       give up where the server cannot be reached at the start
-    position   how far it was published before
+    Parameters
+    ----------
+    address : FeedAddress
+        Its options choose.
+    names : sequence of str
+        Of the variables.
+    reader : ValuesReader
+        Of their values.
+    counts : FeedCounts
+        That the reader writes too.
+    once : bool
+        Give up where the server cannot be reached at the start.
+    position : FeedPosition, optional
+        How far it was published before.
 
-    Raises FeedError where asyncua is missing, and for options that are none.
+    Raises
+    ------
+    FeedError
+        If asyncua is missing, and for options that are none.
     """
 
     def __init__(

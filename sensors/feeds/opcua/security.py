@@ -41,10 +41,17 @@ def check_security(address: FeedAddress) -> None:
 async def secure(client: Any, address: FeedAddress) -> None:
     """Choose the channel that an address wants, after the server's own list of what it offers.
 
+    Parameters
+    ----------
+    client : asyncua.Client
+        Not connected yet.
+    address : FeedAddress
+        Its options name security, policy and certificates.
+
     Raises
     ------
     FeedError
-        If it does not offer that, or is not the server whose certificate is named.
+        If the server does not offer that, or is not the one whose certificate is named.
     """
     ua = import_module("asyncua.ua")
     security = address.one_of("security", ("none", *MODES))

@@ -89,10 +89,16 @@ def is_cpsens(topic: str, payload: bytes) -> bool:
 class CpSensReader:
     """Reads the messages of one feed.
 
-    listed          names of the channels that the layout has
-    counts          takes what is lost, late or duplicate
-    sampling_rate   [Hz], of channels that send no metadata
-    clock           → arrival time [ns since 1970], for units without a clock
+    Parameters
+    ----------
+    listed : collection of str
+        Names of the channels that the layout has.
+    counts : FeedCounts
+        Takes what is lost, late or duplicate.
+    sampling_rate : float or None
+        Of channels that send no metadata [Hz].
+    clock : callable
+        → arrival time [ns since 1970], for units without a clock.
     """
 
     def __init__(

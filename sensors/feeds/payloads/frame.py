@@ -84,8 +84,19 @@ def encoded(frame: Frame, key: bytes = b"") -> bytes:
 def decoded(payload: bytes, key: bytes = b"") -> Frame:
     """The frame in some bytes.
 
-    Raises FrameError, in one sentence, where there is none; ForgedFrame where a key is shared and
-    the signature is missing or another.
+    Parameters
+    ----------
+    payload : bytes
+        As they came.
+    key : bytes, optional
+        Shared with the senders; b"" where there is none.
+
+    Raises
+    ------
+    FrameError
+        In one sentence, where there is none.
+    ForgedFrame
+        If a key is shared and the signature is missing or another.
     """
     _require(len(payload) <= LARGEST_FRAME, f"{len(payload)} bytes; at most {LARGEST_FRAME}")
     _require(payload[:4] == FRAME_MAGIC, f"begins with {payload[:4]!r}, not with {FRAME_MAGIC!r}")

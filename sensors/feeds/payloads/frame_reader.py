@@ -8,9 +8,14 @@ from sensors.feeds.protocol import ChannelSamples, FeedCounts
 class FrameReader:
     """Reads the frames of one feed.
 
-    names    of the layout's channels, for frames that name none
-    counts   takes what is lost, late, duplicate, malformed or forged
-    key      shared with the senders; b"" where there is none
+    Parameters
+    ----------
+    names : tuple of str
+        Of the layout's channels, for frames that name none.
+    counts : FeedCounts
+        Takes what is lost, late, duplicate, malformed or forged.
+    key : bytes, optional
+        Shared with the senders; b"" where there is none.
     """
 
     def __init__(self, names: tuple[str, ...], counts: FeedCounts, key: bytes = b"") -> None:
@@ -20,7 +25,12 @@ class FrameReader:
     def read(self, payload: bytes, sender: str) -> ChannelSamples | None:
         """The samples of a frame; None for one that is dropped and counted.
 
-        sender   where it came: a topic; "" where the channels' names distinguish the senders
+        Parameters
+        ----------
+        payload : bytes
+            The frame as it came.
+        sender : str
+            Where it came: a topic; "" where the channels' names distinguish the senders.
         """
         self._counts.received += 1
         try:

@@ -50,8 +50,12 @@ def json_of(payload: bytes) -> Any:
 class JsonReader:
     """Reads the JSON messages of one feed.
 
-    listed   names of the channels that the layout has
-    counts   takes what is lost, late, duplicate or malformed
+    Parameters
+    ----------
+    listed : collection of str
+        Names of the channels that the layout has.
+    counts : FeedCounts
+        Takes what is lost, late, duplicate or malformed.
     """
 
     def __init__(self, listed: Collection[str], counts: FeedCounts) -> None:

@@ -85,6 +85,13 @@ class MappedReader:
     def read(self, payload: bytes, topic: str) -> Iterator[ChannelSamples]:
         """The samples of a message, one piece a time and unit.
 
+        Parameters
+        ----------
+        payload : bytes
+            The message as it came.
+        topic : str
+            Under which it came.
+
         Raises
         ------
         MessageError

@@ -41,12 +41,21 @@ class _Mapped:
 class ScadaReader:
     """Reads what one controller reports.
 
-    address   of the feed; its options map names
-    turbine   that the controller is of
+    Parameters
+    ----------
+    address : FeedAddress
+        Of the feed; its options map names.
+    turbine : str
+        That the controller is of.
 
+    Raises
+    ------
+    FeedError
+        For a factor that is no number.
+
+    Notes
+    -----
     `declared` has the names that the options give, in their order.
-
-    Raises FeedError for a factor that is no number.
     """
 
     def __init__(self, address: FeedAddress, turbine: str) -> None:

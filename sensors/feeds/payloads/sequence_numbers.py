@@ -22,12 +22,17 @@ class Place(Enum):
 class SequenceMonitor:
     """Counts what is missing of one sender's numbers.
 
+    Parameters
+    ----------
+    rising : bool, optional
+        A session's number is above those before it; an earlier one is OLD. Otherwise any other
+        number that was not one of the last few begins a session, and so does a lower number with a
+        later time: a sender that does not number its starts has started again.
+
+    Notes
+    -----
     A sender counts its messages from any number on, one by one; each of its starts is a session of
     its own. What came before the first message is not missing.
-
-    rising   a session's number is above those before it; an earlier one is OLD. Otherwise any
-             other number that was not one of the last few begins a session, and so does a lower
-             number with a later time: a sender that does not number its starts has started again.
     """
 
     def __init__(self, *, rising: bool = False) -> None:
@@ -40,9 +45,16 @@ class SequenceMonitor:
         self._missing: set[int] = set()
 
     def place(self, sequence: int, session: int = 0, *, time_ns: int = 0) -> Place:
-        """Take note of a message.
+        """Take note of a message and return where it stands among the others.
 
-        time_ns   its own time [ns]; rises with the numbers of a start
+        Parameters
+        ----------
+        sequence : int
+            Its number.
+        session : int, optional
+            Number of the sender's start.
+        time_ns : int, optional
+            Its own time [ns]; rises with the numbers of a start.
         """
         if session != self._session:
             if self._is_earlier(session):
@@ -87,8 +99,12 @@ class SequenceMonitor:
 class SenderNumbers:
     """The numbers of all senders of one feed.
 
-    counts   takes what is lost, late or duplicate
-    rising   see SequenceMonitor
+    Parameters
+    ----------
+    counts : FeedCounts
+        Takes what is lost, late or duplicate.
+    rising : bool, optional
+        See SequenceMonitor.
     """
 
     def __init__(self, counts: FeedCounts, *, rising: bool = False) -> None:

@@ -44,7 +44,10 @@ class NoBirthError(MessageError):
 class RebirthRequests:
     """Which nodes are to be asked for their birth certificates.
 
-    clock   monotonic time [s]
+    Parameters
+    ----------
+    clock : callable, optional
+        Monotonic time [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -78,7 +81,10 @@ class RebirthRequests:
 def rebirth(time_ms: int) -> bytes:
     """A payload that asks a node for its birth certificates.
 
-    time_ms   since 1970-01-01 UTC [ms]
+    Parameters
+    ----------
+    time_ms : int
+        Since 1970-01-01 UTC [ms].
     """
     name = b"Node Control/Rebirth"
     stamp = _written(time_ms)
@@ -112,7 +118,10 @@ class _Metrics:
 class SparkplugDecoder:
     """Remembers the names that nodes give their aliases.
 
-    rebirths   takes the nodes whose birth certificates are missing; None: none is asked
+    Parameters
+    ----------
+    rebirths : RebirthRequests, optional
+        Takes the nodes whose birth certificates are missing; None: none is asked.
     """
 
     def __init__(self, rebirths: RebirthRequests | None = None) -> None:
@@ -121,6 +130,13 @@ class SparkplugDecoder:
 
     def decoded(self, topic: str, payload: bytes) -> dict[str, Any]:
         """A payload as {"timestamp", "seq", "metrics": [{"name", "timestamp", "value"}]}.
+
+        Parameters
+        ----------
+        topic : str
+            Under which it came: of a node's or a device's birth or data.
+        payload : bytes
+            The message as it came.
 
         Raises
         ------

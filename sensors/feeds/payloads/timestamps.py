@@ -13,10 +13,16 @@ LATEST_NS = 4 * 10**18  # the year 2096: times and their differences fit into 64
 def moment_ns(written: object) -> int:
     """A time [ns since 1970-01-01 UTC].
 
-    written   a number since 1970 [s, ms, µs or ns, by its size], or a text in ISO 8601 (UTC where
-              it names no zone), or such a number as text
+    Parameters
+    ----------
+    written : object
+        A number since 1970 [s, ms, µs or ns, by its size], or a text in ISO 8601 (UTC where
+        it names no zone), or such a number as text.
 
-    Raises ValueError, one sentence, for anything else.
+    Raises
+    ------
+    ValueError
+        For anything else, in one sentence.
     """
     if isinstance(written, str):
         return _of_text(written.strip())

@@ -93,6 +93,15 @@ def sort_columns(
 ) -> SortedColumns:
     """Find time, channels, and what is left out.
 
+    Parameters
+    ----------
+    columns : sequence of Column
+        Of the file, in order.
+    path : Path
+        Of the file, for messages.
+    wanted : Wanted, optional
+        What of it is read; everything by default.
+
     Raises
     ------
     FileError

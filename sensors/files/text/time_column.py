@@ -146,10 +146,16 @@ def _convert_numbers(first: float, step: float | None) -> Scale | None:
 class TextClock:
     """The time column of a file, batch by batch.
 
-    title   of the column, for errors
-    unit    of its numbers; "" where it is not stated
-    dates   what comes first in dates such as 3/4/2024; None: as they show
-    zone    of dates that state none; empty: UTC
+    Attributes
+    ----------
+    title : str
+        Of the column, for errors.
+    unit : str
+        Of its numbers; "" where it is not stated.
+    dates : DateOrder or None
+        What comes first in dates such as 3/4/2024; None: as they show.
+    zone : str
+        Of dates that state none; empty: UTC.
     """
 
     title: str

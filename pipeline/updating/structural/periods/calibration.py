@@ -169,8 +169,12 @@ def calibrated(
 ) -> tuple[CalibratedAlternative, ...]:
     """Fit springs and figures to all water levels, the likeliest alternative first.
 
-    result   of the ordinary fit to all windows: where to start, and the weights
-    levels   rise above the model's level [m] and evidence of each (`evidence_by_level`)
+    Parameters
+    ----------
+    result : JointResult
+        Of the ordinary fit to all windows: where to start, and the weights.
+    levels : sequence of (float, ModalEvidence)
+        Rise above the model's level [m] and evidence of each (`evidence_by_level`).
     """
     found = [
         _calibrated(each, levels) for each in result.fitted if each.weight >= LEAST_KEPT_WEIGHT
@@ -208,9 +212,18 @@ def calibration_of(
     springs_sign: str,
     source: str,
 ) -> Calibration:
-    """As a description's section.
+    """Calibrated alternatives as a description's section.
 
-    stds   of the figures' priors, by name
+    Parameters
+    ----------
+    found : sequence of CalibratedAlternative
+        The likeliest first.
+    stds : mapping of str to float
+        Of the figures' priors, by name.
+    springs_sign : str
+        Sign convention of k12.
+    source : str
+        What the calibration was made from.
     """
     names = found[0].names
     lower = np.tril_indices(len(names))

@@ -65,13 +65,27 @@ def common_fit(
 ) -> CommonFit | None:
     """Fit all periods from a point that is near; None where one of them pairs nothing.
 
-    x           (n,) where to start
-    origin      (n,) mean of the prior
-    precision   (n, n) of the prior
-    tolerance   of the pairing in ln f [-]
-    sigma       discrepancy of the model, common to the periods as the floors are [-]
-    common_floors   c, more than 1 where other data with the same floors come beside: what all
-                periods have in common then counts less, what differs between them does not [-]
+    Parameters
+    ----------
+    fit : JointModel
+        Of one alternative.
+    periods : sequence of Period
+        Each with its evidence and the rise of its water.
+    x : ndarray, shape (n,)
+        Where to start.
+    origin : ndarray, shape (n,)
+        Mean of the prior.
+    precision : ndarray, shape (n, n)
+        Of the prior.
+    tolerance : float
+        Of the pairing in ln f [-].
+    sigma : float, optional
+        Discrepancy of the model, common to the periods as the floors are [-].
+    common_floors : float, optional
+        c, more than 1 where other data with the same floors come beside: what all periods have in
+        common then counts less, what differs between them does not [-].
+    rounds : int, optional
+        Of linearisation and solution.
     """
     fits = [fit.with_rise(period.rise) for period in periods]
     targets = [fit.targets(period.evidence) for period in periods]

@@ -55,10 +55,22 @@ def relative_springs(
 ) -> RelativeSprings | None:
     """Fit both periods together; None where one of them pairs nothing.
 
-    start               (n_dim,) peak of the latest period
-    sigma               discrepancy of the model that the latest period shows [-]
-    causes              modes to each independent error of a rough model [-]
-    level_correlation   of the water level's errors in the two periods [-]
+    Parameters
+    ----------
+    fit : JointFit
+        Of one alternative.
+    reference : ModalEvidence
+        Of the reference period.
+    latest : ModalEvidence
+        Of the latest period.
+    start : ndarray, shape (n_dim,)
+        Peak of the latest period.
+    sigma : float, optional
+        Discrepancy of the model that the latest period shows [-].
+    causes : float, optional
+        Modes to each independent error of a rough model [-].
+    level_correlation : float, optional
+        Of the water level's errors in the two periods [-].
     """
     then = _before(fit, reference, start, sigma)
     if then is None:

@@ -15,10 +15,21 @@ from pipeline.updating.structural.joint_model import JointPeak
 def blamed_sensor(
     fit: JointFit, evidence: ModalEvidence, peak: JointPeak
 ) -> tuple[tuple[int, ...], JointPeak] | None:
-    """Channels of the sensor without which the others fit best, and their peak; None where they
-    fit without none, or where there are no others.
+    """Channels of the sensor without which the others fit best, and their peak.
 
-    peak   of the evidence with all sensors
+    Parameters
+    ----------
+    fit : JointFit
+        Of one alternative.
+    evidence : ModalEvidence
+        Of all windows, all sensors in it.
+    peak : JointPeak
+        Of the evidence with all sensors.
+
+    Returns
+    -------
+    (tuple of int, JointPeak) or None
+        None where they fit without none, or where there are no others.
     """
     best: tuple[tuple[int, ...], JointPeak] | None = None
     good, elevations = fit.settings.good_cost, fit.model.layout.elevations

@@ -97,8 +97,17 @@ def sensor_fault(
 ) -> tuple[SensorFault, JointPeak] | None:
     """The likeliest fault and the peak with it; None where none explains enough.
 
-    last   name of the fault that the last refresh found: while it explains the data, no other is
-           looked for
+    Parameters
+    ----------
+    fit : JointFit
+        Of one alternative.
+    evidence : ModalEvidence
+        Of all windows.
+    peak : JointPeak
+        Without a fault.
+    last : str, optional
+        Name of the fault that the last refresh found: while it explains the data, no other is
+        looked for.
     """
     figures, corrections = _likeliest_figures(fit, peak), list(_wrong_cables(fit))
     known = fault_named(last, fit)
@@ -113,7 +122,14 @@ def sensor_fault(
 def fault_named(name: str, fit: JointFit, *, size: float = 0.0) -> SensorFault | None:
     """The fault of that name with this fit; None where the layout has no such sensor.
 
-    size   of a figure, about which it is looked for [prior standard deviations]
+    Parameters
+    ----------
+    name : str
+        Of the fault.
+    fit : JointFit
+        Of one alternative.
+    size : float, optional
+        Of a figure, about which it is looked for [prior standard deviations].
     """
     figures = chain(_wrong_figures(fit, size), _turned_layouts(fit, size))
     faults = chain(figures, _wrong_cables(fit), _exchanges(fit), _left_out(fit))
@@ -125,9 +141,16 @@ def still_explained(
 ) -> SensorFault | None:
     """The fault with its size in words, while the evidence needs it; else None.
 
-    fit        without the fault
-    measured   at the model's water level, channels as they came
-    peak       with the fault
+    Parameters
+    ----------
+    fault : SensorFault
+        As the last refresh found it.
+    fit : JointFit
+        Without the fault.
+    measured : ModalEvidence
+        At the model's water level, channels as they came.
+    peak : JointPeak
+        With the fault.
     """
     if peak.relative_cost > LARGEST_COST:
         return None
@@ -158,9 +181,19 @@ def fault_of_sensor(
 ) -> tuple[SensorFault, JointPeak]:
     """What is wrong with a sensor without which the other ones fit, and the peak with it.
 
-    channels   of the sensor
-    without    the peak of the evidence without them
+    Parameters
+    ----------
+    fit : JointFit
+        Of one alternative.
+    evidence : ModalEvidence
+        Of all windows.
+    channels : collection of int
+        Of the sensor.
+    without : JointPeak
+        The peak of the evidence without them.
 
+    Notes
+    -----
     All else is known from the other sensors, so that one that is metres off is a descent away.
     Where no fault explains what it reads, it is left out.
     """

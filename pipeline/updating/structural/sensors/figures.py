@@ -104,7 +104,12 @@ class SensorReadings:
     ) -> NDArray[Any]:
         """Derivatives by z, (n_modes, n_channels, r), of what channels read with their gains.
 
-        readings, by_heading, by_height   (n_modes, n_channels) of placed sensors of gain 1
+        Parameters
+        ----------
+        z : ndarray, shape (r,)
+            Figures of the sensors [prior standard deviations].
+        readings, by_heading, by_height : ndarray, shape (n_modes, n_channels)
+            What placed sensors of gain 1 read, and its derivatives by heading and height.
         """
         gains = self.gains(z)
         return np.asarray(

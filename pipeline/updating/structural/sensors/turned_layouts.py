@@ -49,10 +49,22 @@ def _by_shapes(fit: JointFit, evidence: ModalEvidence, peak: JointPeak) -> float
 
 
 def turned_macs(evidence: ModalEvidence, peak: JointPeak, headings: FloatArray) -> FloatArray:
-    """(n_modes, n_angles) of the modes that are alone at their frequency, with their partners as
-    sensors read them that are turned by each of `ANGLES` from their stated directions [-].
+    """MAC of lone modes with their partners as sensors turned by each of `ANGLES` read them [-].
 
-    headings   (n_channels,) of the sensors at the peak, from the stated directions [rad]
+    Parameters
+    ----------
+    evidence : ModalEvidence
+        Of all windows.
+    peak : JointPeak
+        With the pairs.
+    headings : ndarray, shape (n_channels,)
+        Of the sensors at the peak, from the stated directions [rad].
+
+    Returns
+    -------
+    ndarray, shape (n_modes, n_angles)
+        Of the modes that are alone at their frequency; the angles are from the sensors' stated
+        directions.
     """
     modes = peak.comparison.linearisation
     alone = [each for each in peak.comparison.used if each.shape_used or each.shape_unlike]
