@@ -366,7 +366,7 @@ class FoundationPosterior:
     n_windows: int
     """Number of windows that entered."""
     parameters: tuple[ParameterSummary, ...]
-    """Summaries of k11, k22, k12 and σ."""
+    """Summaries of k11, k22, k12 and σ; the springs are at the lower end of the described tubes."""
     correlation: FloatArray
     """Correlation of k11, k22 and k12, (3, 3) [-]."""
     draws: FloatArray

@@ -35,7 +35,7 @@ class FoundationSprings:
     """Coupled springs of the mudline, the same in every vertical plane."""
 
     k11: float
-    """Translational stiffness [N/m]."""
+    """Translational stiffness at the mudline, the lower end of the lowest tube [N/m]."""
 
     k22: float
     """Rotational stiffness [N·m/rad]."""

@@ -20,6 +20,7 @@ from .measurement import Measurement, read, simulate
 from .modes import Modes, identify
 from .posterior import Posterior, update
 from .session import Session, open_session
+from .springs import springs_at
 from .structure import Structure, StructureModes
 
 __version__ = _version("pilewatch")
@@ -38,5 +39,6 @@ __all__ = [
     "open",
     "read",
     "simulate",
+    "springs_at",
     "update",
 ]
