@@ -216,9 +216,6 @@ def test_fields_of_public_dataclasses_are_documented_by_docstrings() -> None:
     assert {name: fields for name, fields in found.items() if fields} == {}
 
 
-TO_BE_CONVERTED = {"pipeline.oma.ssi.uncertainty", "pipeline.oma.whittle.fit"}  # tables still
-
-
 def _documented(tree: ast.Module) -> Iterator[tuple[str, str, ast.arguments]]:
     """Name, docstring and parameters of public functions and classes; a class has __init__'s."""
     for each in ast.walk(tree):
@@ -243,4 +240,4 @@ def _tables(tree: ast.Module) -> list[str]:
 
 def test_parameters_of_public_functions_are_listed_as_numpydoc() -> None:
     listed = {name: found for name, tree in modules().items() if (found := _tables(tree))}
-    assert not {name: found for name, found in listed.items() if name not in TO_BE_CONVERTED}
+    assert listed == {}

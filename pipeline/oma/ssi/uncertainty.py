@@ -65,9 +65,17 @@ def projected_deviations(
 ) -> ProjectedDeviations:
     """Project every block's deviation of the Hankel matrix.
 
-    deviations   ΔR, (n_blocks, n_lags, n_channels, n_references)
-    precision    of the products with the Hankel matrix
+    Parameters
+    ----------
+    subspace : SignalSubspace
+        Of the mean lag covariances.
+    deviations : ndarray, shape (n_blocks, n_lags, n_channels, n_references)
+        ΔR of each time block.
+    precision : type, optional
+        Of the products with the Hankel matrix.
 
+    Notes
+    -----
     Why single precision: it is the costliest step, and what it changes in a std is a hundred times
     less than what the std scatters by anyway, having been estimated from n_blocks blocks.
     """
@@ -174,8 +182,12 @@ class StateDeviations:
     ) -> ComplexArray:
         """Linear functions of G ΔA ψ, less others of W ψ, (n_chosen, n_functions, n_blocks).
 
-        functionals   of G ΔA ψ, (n_chosen, n_functions, n)
-        of_inside     of W ψ, (n_functions, n); none by default
+        Parameters
+        ----------
+        functionals : ndarray, shape (n_chosen, n_functions, n)
+            Of G ΔA ψ.
+        of_inside : ndarray, shape (n_functions, n), optional
+            Of W ψ; none by default.
         """
         poles = self.order.modes.poles[self.chosen, None, None]
         through = functionals @ self.order.shift - poles * (functionals @ self.order.gram)
