@@ -40,10 +40,10 @@ from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.joint_message import UNLABELLED, joint_message, mode_labels
 from pipeline.updating.structural.refresh import (
     JointRefresh,
-    at_model_level,
     joint_refresh,
     model_at,
 )
+from pipeline.updating.structural.water_level import at_model_level
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
@@ -440,9 +440,7 @@ def _joint_sensitivities(
     by_theta = np.linalg.inv(fit.coordinates.slopes(peak.u)[:3, :3])
     slopes = modes.log_frequency_slopes[:, :3] @ by_theta * fit.coordinates.nominal
     moved = found.evidence.level_varied or found.evidence.n_unknown_levels > 0
-    water = (
-        [each.curve for each in fit.partners_in_water(peak.u, peak.comparison)] if moved else None
-    )
+    water = [each.curve for each in fit.partners_in_water(peak.u, modes)] if moved else None
     known = [each for each in peak.comparison.used if labels[each.model_modes[0]] != UNLABELLED]
     chosen = found.evidence.one_a_track(each.identified for each in known)
     return tuple(

@@ -275,6 +275,17 @@ class ModalEvidence:
         """Whether any window had another water level than the model's."""
         return any(mode.level_information.any() for mode in self.modes)
 
+    @property
+    def mean_rise(self) -> float:
+        """Of the water above the model's level, as precisely known frequencies count [m].
+
+        Σ l / var ln f over Σ 1 / var ln f of all windows and modes; 0 without one.
+        """
+        squares = [mode.frequency**2 for mode in self.modes]
+        known = np.dot(squares, [mode.information[0, 0] for mode in self.modes])
+        risen = np.dot(squares, [mode.level_information[0, 0, 0] for mode in self.modes])
+        return float(risen / known) if known > 0 else 0.0
+
     def at_model_level(self, partners: Sequence["PartnerInWater | None"]) -> "ModalEvidence":
         """The evidence as if every window had had the model's water level.
 

@@ -203,9 +203,8 @@ class JointModel:
         departures = self.coordinates.departures(u).tolist()
         return varied(described, dict(zip(names, departures, strict=True)))
 
-    def partners_in_water(self, u: FloatArray, found: ModeErrors) -> list[PartnerInWater]:
-        """Each mode of a comparison at a point with the water a metre lower and higher."""
-        middle = found.linearisation
+    def partners_in_water(self, u: FloatArray, middle: Linearisation) -> list[PartnerInWater]:
+        """Each of the modes at a point with the water a metre lower and higher."""
         n = len(middle.frequencies)
         logs, shapes = np.empty((3, n)), np.empty((3, n, middle.shapes.shape[1]))
         for row, rise in enumerate((-1.0, 0.0, 1.0)):

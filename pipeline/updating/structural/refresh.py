@@ -40,6 +40,7 @@ from pipeline.updating.structural.sensors.faults import (
     turned_by,
 )
 from pipeline.updating.structural.sensors.turned_layouts import likely_angles
+from pipeline.updating.structural.water_level import at_model_level, pairing_rise
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
@@ -51,7 +52,6 @@ WIDENING = 1.0  # of the joint Gaussian; 1: on tuning seeds its intervals held .
 # intervals, and the checks say that the description does not hold [-]
 TOLERANCES = (FINEST_TOLERANCE, 0.015, 0.03)
 LEVEL_ROUNDS = 2  # of taking the known water levels out of the windows
-LEVEL_TOLERANCE = 0.008  # of the pairing before [-]
 LEVEL_SETTLED = 5e-5  # change of a frequency at which no round follows, a tenth of its floor [-]
 SEARCH_GROWTH = 1.25  # of the windows, at which faults are looked for again after none explained
 # the evidence: the search costs several times what the rest of a refresh does [-]
@@ -307,13 +307,20 @@ def _fitted(
     """The result, and the evidence as if every window had had the model's water level.
 
     The windows' water is taken out at the last peak at once, and again at the new one until that
-    moves no frequency.
+    moves no frequency. Without a last peak, windows whose mean level is far from the model's are
+    fitted at that level first: paired with the model's own water, modes take their neighbours.
     """
-    evidence = measured
+    evidence, rise = measured, pairing_rise(measured)
     starts = {each.name: each for each in warm}
     if measured.level_varied and warm:
         last = inference.fit_of(warm[0].name).with_level_std(level_std).with_tolerance(tolerance)
         evidence = at_model_level(measured, last, warm[0].u)
+    elif rise:
+        there = inference.with_fits(lambda fit: fit.with_rise(rise))
+        first = there.result(measured, level_std=level_std, tolerance=tolerance)
+        if first is not None:
+            evidence = at_model_level(measured, first.best.fit.with_rise(0.0), first.best.peak.u)
+            starts = {each.name: each for each in first.starts}
     result = inference.result(evidence, level_std=level_std, starts=starts, tolerance=tolerance)
     if result is None:
         return None
@@ -468,18 +475,6 @@ def _level_std(inference: JointInference, evidence: ModalEvidence) -> float:
     every window, and a tide that nothing reports is counted as if it were."""
     prior, unknown = inference.prior, evidence.unknown_level_share
     return float(np.hypot(prior.known_level_std, unknown * prior.unknown_level_std))
-
-
-def at_model_level(measured: ModalEvidence, fit: JointFit, u: FloatArray) -> ModalEvidence:
-    """The evidence as if every window had had the model's water level, by the modes at a point."""
-    tolerance = max(LEVEL_TOLERANCE, fit.tolerance)
-    found = fit.compared(measured, fit.targets(measured), u, tolerance)
-    if found is None:
-        return measured
-    partners = fit.partners_in_water(u, found)
-    return measured.at_model_level(
-        [partners[mode] if mode >= 0 else None for mode in found.pairing.model_modes]
-    )
 
 
 def model_at(fit: JointFit, u: FloatArray, layout: SensorLayout) -> ModalModel:

@@ -359,7 +359,7 @@ def test_how_modes_follow_the_water_is_computed_only_where_it_may_have_moved(var
     asked = []
     fit = SimpleNamespace(
         coordinates=SimpleNamespace(slopes=lambda u: np.eye(3), nominal=np.ones(3)),
-        partners_in_water=lambda u, comparison: asked.append(u) or [],
+        partners_in_water=lambda u, modes: asked.append(u) or [],
     )
     modes = SimpleNamespace(log_frequency_slopes=np.zeros((0, 3)))
     peak = SimpleNamespace(u=np.zeros(3), comparison=SimpleNamespace(linearisation=modes, used=[]))

@@ -21,6 +21,7 @@ from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
 from pipeline.updating.structural.sensors.faults import ALL_TURNED
 from pipeline.updating.structural.sensors.figures import HEADING_STD
 from pipeline.updating.structural.settings import UNCERTAIN
+from pipeline.updating.structural.water_level import at_model_level
 from pipeline.updating.updater import FoundationUpdater
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.description import load_turbine
@@ -354,7 +355,7 @@ def test_each_window_has_a_level_of_its_own_where_nothing_reports_it(
     assert np.sqrt(np.mean((rises - tide)[4:] ** 2)) < 0.15
     warm = state.joint[0]
     fit = dry_bending.fit_of(warm.name)
-    still = refresh.at_model_level(state.evidence, fit, warm.u)
+    still = at_model_level(state.evidence, fit, warm.u)
     first = {mode.track: mode.frequency for mode in updater_evidence(windows[0]).modes}
     apart = [mode.frequency / first[mode.track] - 1 for mode in still.modes if mode.track in first]
     wet = [

@@ -1,7 +1,7 @@
 """How the model's modes move with the water, where some of them are not seen at another level."""
 
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,8 +29,7 @@ class Model(JointModel):
 
 def partners(missing: dict[float, list[int]]) -> list[Any]:
     model, u = Model(missing), np.zeros(1)
-    found = SimpleNamespace(linearisation=model._at_level(u, 0.0))
-    return model.partners_in_water(u, cast(Any, found))
+    return model.partners_in_water(u, model._at_level(u, 0.0))
 
 
 def test_modes_have_their_slope_and_curvature() -> None:
