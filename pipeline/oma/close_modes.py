@@ -173,8 +173,9 @@ def beside_flanks(
         around = around_mode(mode, others, spectrum)
         if around is None or len(around.modes) < 2:
             continue
-        fitted = first_mode(around.fitted(), around.band)
-        if _is_refined(fitted, mode, settings):
+        fit = around.fitted()
+        fitted = first_mode(fit, around.band)
+        if not fit.off_colour and _is_refined(fitted, mode, settings):
             result = [*others, fitted]
     return result
 

@@ -44,8 +44,8 @@ def springs_at(
     Raises
     ------
     InputError
-        If the springs are not positive definite, or none at a lower level are as stiff as these:
-        the tube alone may be softer.
+        If the springs are not three numbers or not positive definite, the rise is not finite, or no
+        springs at a lower level are as stiff as these: the tube alone may be softer.
 
     Notes
     -----
@@ -63,12 +63,22 @@ def springs_at(
             f"the tube has EI = {bending_rigidity:g} N·m² and κGA = {shear_rigidity:g} N; both "
             "must be positive"
         )
-    if not bool(np.all(positive_definite(theta))):
-        raise InputError("springs are not positive definite; k11·k22 must exceed k12²")
+    try:
+        springs = np.asarray(theta, dtype=np.float64)
+    except (TypeError, ValueError):
+        springs = np.empty(0)
+    if not springs.ndim or springs.shape[-1] != 3:
+        raise InputError(f"springs are {theta!r}; they are three numbers, k11, k22 and k12")
+    if not np.isfinite(rise):
+        raise InputError(f"rise is {rise}; it is the height of the other level [m]")
+    if not bool(np.all(positive_definite(springs))):
+        raise InputError(
+            f"springs {springs.tolist()} are not positive definite; k11·k22 must exceed k12²"
+        )
     carried = np.array([[1.0, rise], [0.0, 1.0]])
     tube = np.array([[rise**3 / 3, rise**2 / 2], [rise**2 / 2, rise]]) / bending_rigidity
     tube[0, 0] += rise / shear_rigidity
-    flexibility = carried @ np.linalg.inv(spring_matrix(theta, sign)) @ carried.T + tube
+    flexibility = carried @ np.linalg.inv(spring_matrix(springs, sign)) @ carried.T + tube
     stiffness = np.linalg.inv(flexibility)
     coupling = stiffness[..., 0, 1] if sign == "published" else -stiffness[..., 0, 1]
     found = np.stack([stiffness[..., 0, 0], stiffness[..., 1, 1], coupling], axis=-1)

@@ -39,6 +39,7 @@ MODAL_COLOUR, SEA_COLOUR = (3.0, 2.0), (2.0, 2.0)  # mean and std of c: white to
 DAMPING = (np.log(0.02), 1.2)  # mean and std of ln ζ
 ENHANCEMENT = (np.log(2.5), 0.7)  # of ln γ
 HIGHEST_LEVEL = 500.0  # ln of a power that a step too far may try: what floats hold [nats]
+BACKGROUND_STD = 10.0  # of the ln of the background's power: hardly known [-]
 STEP = 1e-7  # of the ln of a model's frequency and form, for its derivatives [-]
 ENHANCEMENTS = np.array([1.2, 4.0, 7.0])  # γ that fits begin with: of wind seas and of swell
 
@@ -212,7 +213,9 @@ def _least_cost(
         )
         expected = hump + flat + far
         off = np.array([0.0, place, form - mean, c - colour, background - np.log(floor), 0.0])
-        weights = np.array([0.0, 1 / PLACE_STD**2, 1 / std**2, 1 / colour_std**2, 0.01, 0.0])
+        weights = np.array(
+            [0.0, 1 / PLACE_STD**2, 1 / std**2, 1 / colour_std**2, 1 / BACKGROUND_STD**2, 0.0]
+        )
         lines = float(np.sum(np.log(expected) + powers / expected))
         gradient = moved @ ((1 - powers / expected) / expected) + weights * off
         return lines + 0.5 * float(weights @ off**2), gradient

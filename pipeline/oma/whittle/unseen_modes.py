@@ -44,11 +44,9 @@ NARROWEST_UNSEEN = 3.0  # half bandwidth of a resonance that no pole shows [line
 UNSEEN_STEP = 2.0  # and from one width to the next
 BLOCKS_A_WIDTH = 8  # least blocks of lines summed to a half bandwidth
 LEAST_DAMPED, MOST_DAMPED = 0.002, 0.1  # ζ of such a resonance [-]
-STANDS_OUT_OF_CHANNEL = 1.3  # power over flank in one channel from which directions are looked at,
-WIDE_UNSEEN = (
-    100.0  # of half bandwidths below this [lines]: wider places are few, and of a wide mode
-)
-# among stronger ones no channel need show more than their flanks
+STANDS_OUT_OF_CHANNEL = 1.3  # power over flank in one channel from which directions are looked at
+WIDE_UNSEEN = 100.0  # half bandwidth from which all places are [lines]: they are few, and of a wide
+# mode among stronger ones no channel need show more than their flanks
 STANDS_OUT_UNSEEN = 1.8  # power over flank across the shapes of what is known there
 REACHES_WIDTHS = 3.0  # half bandwidths that a known mode reaches into a stretch of lines
 FLANK_REACH = 10.0  # half bandwidths of a known mode within which a peak of its shape is its flank
@@ -214,7 +212,8 @@ def _unseen_of_width(
         centres, at, beside = centres[worth], at[worth], beside[worth]
     into = np.linalg.inv(np.linalg.cholesky(beside))
     white = into @ at @ into.transpose(0, 2, 1)
-    strongest = np.asarray(np.linalg.eigvalsh(white)[:, -1], dtype=np.float64)  # or less, across
+    # across what is known the strongest direction has no more power
+    strongest = np.asarray(np.linalg.eigvalsh(white)[:, -1], dtype=np.float64)
     clear = (strongest > STANDS_OUT_UNSEEN) & (_gain(strongest, width) > LEAST_GAIN)
     centres, white, into = centres[clear] / T, white[clear], into[clear]
     powers, directions = _strongest_across(white, into, _reaching(known, centres, width / T, T))

@@ -38,6 +38,7 @@ from sensors.structure.description import TurbineDescription
 
 LEAST_ALTERNATIVE_WEIGHT = 1e-3  # of an alternative that draws are taken from [-]
 HOPELESS = 60.0  # cost above a rival's at which a structure has lost: e^-30 of its probability
+LEAST_PAIRED = 0.5  # of what a rival pairs: alternatives are weighed by the same modes [-]
 COST_GROWTH = 1.15  # of the last fit's cost, up to which a warm start is as good as it was [-]
 UNDESCRIBED_FLOODING = 0.1  # prior probability that water inside is not as described [-]
 LEAST_COUPLING = 0.25  # k12² / (k11 k22) over the described, below which the sign is in doubt: of
@@ -406,12 +407,19 @@ def _has_lost(warm: Mapping[str, WarmStart], alternative: Alternative) -> bool:
 
 
 def _not_lost(peaks: Sequence[_End]) -> list[_End]:
-    """Those whose cost is not hopelessly above the lowest."""
+    """Those whose cost is not hopelessly above the lowest, and that pair about as many modes.
+
+    What a mode without a partner costs is bounded, and so is the cost of a structure that pairs
+    next to nothing: of a tower of nine modes 54 above chance, less than `HOPELESS`, and without the
+    determinant of modes that it leaves out it would outweigh a structure that explains all of them.
+    """
     lowest = min((peak.excess for *_, peak in peaks), default=np.inf)
+    most = max((peak.comparison.pairing.paired_share for *_, peak in peaks), default=0.0)
     return [
         (each, fit, peak)
         for each, fit, peak in peaks
         if peak.excess <= lowest + HOPELESS * modes_to_a_cause(fit, peak)
+        and peak.comparison.pairing.paired_share >= LEAST_PAIRED * most
     ]
 
 

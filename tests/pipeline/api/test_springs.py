@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from pilewatch import InputError, springs_at
 
 from sensors.arrays import FloatArray
@@ -97,13 +98,20 @@ def test_springs_that_no_lower_ones_can_be_are_one_line() -> None:
 @pytest.mark.parametrize(
     ("theta", "sign", "rigidity", "message"),
     [
-        ([1.0, 1.0, 2.0], "published", BENDING_RIGIDITY, "not positive definite"),
+        ([1.0, 1.0, 2.0], "published", BENDING_RIGIDITY, r"\[1.0, 1.0, 2.0\] are not positive"),
+        ([1.0, 2.0], "published", BENDING_RIGIDITY, "they are three numbers"),
+        ("springs", "published", BENDING_RIGIDITY, "they are three numbers"),
         (NOMINAL, "pile", BENDING_RIGIDITY, "sign is 'pile'"),
         (NOMINAL, "published", 0.0, "EI = 0 N·m²"),
     ],
 )
 def test_wrong_input_is_one_line(
-    theta: FloatArray, sign: SpringSign, rigidity: float, message: str
+    theta: ArrayLike, sign: SpringSign, rigidity: float, message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
         springs_at(theta, sign, rise=1.0, bending_rigidity=rigidity)
+
+
+def test_a_rise_that_is_no_number_is_one_line() -> None:
+    with pytest.raises(InputError, match="rise is nan"):
+        springs_at(NOMINAL, "published", rise=float("nan"), bending_rigidity=BENDING_RIGIDITY)

@@ -34,6 +34,14 @@ def test_a_mode_that_stands_out_of_the_lines_is_found_though_no_pole_shows_it() 
     assert abs(found.frequency - true) < 2 * found.frequency_std
 
 
+def test_a_wide_mode_that_no_channel_shows_above_the_flanks_of_others_is_found() -> None:
+    structure = draw(160_022)
+    modes = identify(structure.samples, structure.sampling_rate).modes
+    (found,) = [mode for mode in modes if mode.frequency > 50.0]
+    assert found.damping_ratio > 0.05
+    assert abs(found.frequency - structure.frequencies[-1]) < 2 * found.frequency_std
+
+
 def test_no_std_of_a_pole_is_smaller_than_any_estimate_could_have() -> None:
     structure = draw(160_034)
     modes = identify(structure.samples, structure.sampling_rate).modes

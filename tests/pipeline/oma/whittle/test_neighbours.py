@@ -68,6 +68,17 @@ def test_the_fit_of_expected_lines_is_their_model() -> None:
     assert left_near_first(fit, exact) < 1.0
 
 
+def test_a_fit_is_given_up_where_its_modes_need_a_slope_that_no_background_has() -> None:
+    around = around_mode(pole(0), [pole(1), pole(2)], window(1))
+    assert around is not None
+    numbers = around.band.numbers
+    slope = (numbers / numbers.mean()) ** 30
+    steep = replace(around.band, matrices=around.band.matrices * slope[:, None, None])
+    assert replace(around, band=steep).fitted().off_colour
+    assert not replace(around, band=steep).fitted(np.inf).off_colour
+    assert not around.fitted().off_colour
+
+
 def test_bins_are_fine_at_the_sharp_mode_and_coarse_beside_it() -> None:
     around = around_mode(pole(0), [pole(1), pole(2)], window(2))
     assert around is not None
