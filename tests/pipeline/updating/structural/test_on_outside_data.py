@@ -92,10 +92,10 @@ def another_structure(inference: JointInference) -> JointRefresh:
 
 
 def test_springs_of_a_drawn_structure_lie_within_their_interval(
-    inference: JointInference, one_structure: JointRefresh, another_structure: JointRefresh
+    dry_bending: JointInference, one_structure: JointRefresh, another_structure: JointRefresh
 ) -> None:
     found = {0: another_structure, 7: one_structure}
-    found |= {seed: refreshed(inference, truth_of(seed), seed) for seed in (1, 2)}
+    found |= {seed: refreshed(dry_bending, truth_of(seed), seed) for seed in (1, 2)}
     z = []
     for seed, each in found.items():
         draws = np.log(each.draws[:, :3] * NOMINAL)
@@ -110,10 +110,10 @@ def test_a_flooded_monopile_is_recognised(inference: JointInference) -> None:
     assert found.best.weight > 0.99
 
 
-def test_springs_of_the_other_sign_are_named(inference: JointInference) -> None:
+def test_springs_of_the_other_sign_are_named(dry_bending: JointInference) -> None:
     """A coupling that has left the data, so that no interval of k12 is of any use."""
     truth = replace(truth_of(12), sign="embedded-pile")
-    found = refreshed(inference, truth, 12)
+    found = refreshed(dry_bending, truth, 12)
     (doubt,) = (each for each in distrust(found, SETTINGS.guards) if each.code == "springs-sign")
     assert 'sign = "published"' in doubt.text
     assert found.other_sign > 0.99
@@ -122,7 +122,8 @@ def test_springs_of_the_other_sign_are_named(inference: JointInference) -> None:
 @pytest.mark.parametrize("sheared", [False, True], ids=["only bend", "shear"])
 def test_whether_tubes_shear_is_recognised(sheared: bool) -> None:
     """They are described as what they are not."""
-    inference = joint_inference(TURBINE.with_shear(not sheared), LAYOUT, SETTINGS, seed=1)
+    dry = replace(SETTINGS, structure=replace(UNCERTAIN, stds=(("flooding", 0.0),)))
+    inference = joint_inference(TURBINE.with_shear(not sheared), LAYOUT, dry, seed=1)
     assert inference is not None
     truth = truth_of(5)
     truth = replace(truth, description=replace(truth.description or averaged(), shear=sheared))
@@ -240,7 +241,8 @@ def test_sensors_that_are_all_turned_alike_are_named_and_read_so(
 
 def test_a_posterior_by_frequencies_alone_is_not_trusted_where_shapes_are_others() -> None:
     """Headings that are stated to be exact, and are 30° off: nothing may explain the shapes."""
-    exact = replace(SETTINGS, structure=replace(UNCERTAIN, stds=(("sensor_heading", 0.0),)))
+    stated = (("sensor_heading", 0.0), ("flooding", 0.0), ("tube_shear", 0.0))
+    exact = replace(SETTINGS, structure=replace(UNCERTAIN, stds=stated))
     inference = joint_inference(TURBINE, LAYOUT, exact, seed=1)
     assert inference is not None
     heights = sorted({channel.elevation for channel in LAYOUT.channels})
