@@ -13,9 +13,11 @@ import pytest
 import rerun as rr
 import rerun.blueprint as rrb
 
-from pipeline.viewer.narrow_blueprint import LONGEST_TITLE, NARROW_NAME, SHAPES_IN_ROW
+from pipeline.viewer.blueprint import NARROW_NAME
 from pipeline.viewer.outputs.outputs import ConnectedViewer, parse_view
 from pipeline.viewer.session_views import SessionViews, narrow_layout, send_views, stored_views
+from pipeline.viewer.tabs.modes import SHAPES_IN_ROW
+from pipeline.viewer.tabs.narrow import LONGEST_TITLE
 from pipeline.viewer.view_parameters import ViewParameters
 from tests.pipeline.viewer.content import Recorded
 from tests.pipeline.viewer.session import LAYOUT, REFERENCE_MODES, TURBINE

@@ -22,11 +22,11 @@ from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerErro
 from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
 from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
+from pipeline.viewer.tabs.modes import shapes_view
 from pipeline.viewer.turbine_view import MOST_AHEAD, TurbineView
 from pipeline.viewer.update_rates import TO_FILE
 from pipeline.viewer.view_parameters import GROUND, ViewParameters, time_series, with_margins
 from pipeline.viewer.viewer_node import Viewer
-from pipeline.viewer.views import shapes_view
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.structure.description import bare_mast
 from tests.pipeline.example_estimates import estimate, mode
