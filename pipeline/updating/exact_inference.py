@@ -148,7 +148,8 @@ class ExactInference:
         self, evidence: ModalEvidence, match: Match, median: FloatArray
     ) -> tuple[TrackSensitivity, ...]:
         """How every paired mode's track depends on springs, at the median, and on the water."""
-        water = partners_in_water(match.all_modes) if evidence.level_varied else None
+        rise = evidence.mean_rise
+        water = partners_in_water(match.all_modes, rise) if evidence.level_varied else None
         slopes = stiffness_slopes(match.all_modes, self._prior, median)
         chosen = evidence.one_a_track(each.identified for each in match.used)
         found = [

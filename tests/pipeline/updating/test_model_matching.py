@@ -9,7 +9,7 @@ from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.likelihood.pairing import PairingSettings
-from pipeline.updating.model_matching import Matcher
+from pipeline.updating.model_matching import FAR_RISE, Matcher, partners_in_water
 from pipeline.updating.prior import Prior, UpdatingError
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 
@@ -34,6 +34,21 @@ class SteepTower(LinearTower):
         modes = self.modal(np.tile(self.followed_from, (len(rises), 1)) * self.nominal)
         return replace(
             modes, frequencies=modes.frequencies * np.exp(slope * levels + curvature * levels**2)
+        )
+
+
+@dataclass(frozen=True)
+class BentTower(LinearTower):
+    """Its modes follow the water on a cubic."""
+
+    def in_water(self, rises):
+        levels = np.array(rises)[:, None]
+        modes = self.modal(np.tile(self.nominal, (len(rises), 1)))
+        bent = np.exp(-0.009 * levels - 0.001 * levels**2 + 3e-5 * levels**3)
+        return replace(
+            modes,
+            frequencies=modes.frequencies * bent,
+            shapes=modes.shapes * (1 + 0.01 * levels[..., None] ** 3),
         )
 
 
@@ -135,3 +150,28 @@ def test_water_is_taken_out_no_more_often_than_the_stiffness_moves():
     matching._search.refined = noted
     matching._out_of_water(evidence, pairing, TOWER.following(pairing.ratios * TOWER.nominal))
     assert 1 <= len(rounds) <= 2
+
+
+@pytest.mark.parametrize("mean", [3.0, -2.0, 0.6])
+def test_modes_follow_the_water_exactly_where_the_windows_water_stood(mean):
+    """A parabola through a metre to either side of the model's level is off there by what the
+    cubic makes of it."""
+    true = -0.009 * mean - 0.001 * mean**2 + 3e-5 * mean**3
+    for mode, partner in enumerate(partners_in_water(BentTower(), mean)):
+        slope, curvature = partner.curve
+        assert slope * mean + curvature * mean**2 == pytest.approx(true, abs=1e-12)
+        scale = 1 + 0.01 * mean**3
+        still = partner.shapes[1]
+        v1, v2 = (partner.shapes[2] - partner.shapes[0]) / 2, partner.shapes.sum(axis=0) / 2
+        v2 = v2 - 1.5 * still
+        np.testing.assert_allclose(still + v1 * mean + v2 * mean**2, scale * still, atol=1e-12)
+        assert partner.log_frequencies[1] == pytest.approx(
+            np.log(TOWER.modal(TOWER.nominal[None]).frequencies[0, mode])
+        )
+
+
+def test_near_water_leaves_modes_on_the_parabola_about_the_models_level():
+    near, still = (partners_in_water(BentTower(), mean) for mean in (FAR_RISE, 0.0))
+    for one, other in zip(near, still, strict=True):
+        np.testing.assert_array_equal(one.log_frequencies, other.log_frequencies)
+        assert one.curve[0] == pytest.approx(-0.009 + 3e-5, abs=1e-12)
