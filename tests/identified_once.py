@@ -91,13 +91,15 @@ def _refreshed_by(answers: Path) -> Callable[..., Any]:
 
     def refreshed(updater: FoundationUpdater, state: UpdatingState, estimate: ModalEstimate) -> Any:
         model, compute = updater._forward, partial(REFRESHED, updater, state, estimate)
-        if not isinstance(model, ModalModel):  # another one's settings are not known here
+        structure: object = model
+        if isinstance(model, ModalModel):
+            structure = (model.description, model.layout, model.highest_frequency,
+                         model.theta_reference)  # fmt: skip
+        elif not is_dataclass(model):  # what it is made of is not known
             return compute()
-        made_of = (model.description, model.layout, model.highest_frequency,
-                   model.theta_reference, updater._layout,
-                   updater.settings, updater._seed, updater._population)  # fmt: skip
-        asked = ("posterior", made_of, type(updater._inference), updater.saved(state), estimate)
-        return _kept(answers, asked, compute)
+        settings = updater._layout, updater.settings, updater._seed, updater._population
+        made_of = structure, type(updater._inference), *settings
+        return _kept(answers, ("posterior", made_of, updater.saved(state), estimate), compute)
 
     return refreshed
 
