@@ -6,7 +6,8 @@ the identification itself returns is tested elsewhere, without this. Windows and
 are kept by the content of all that they are given: another bit is another answer.
 
 The reduced models of a structure and its figures, which every session needs, are kept likewise for
-all tests; those of what such a model is build their own.
+all tests; those of what such a model is build their own. So is the posterior of a window, by the
+structure, the settings and all that the updating remembers.
 """
 
 import fcntl
@@ -23,13 +24,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.messages import ModalEstimate
 from pipeline.oma import identification, window_identification
+from pipeline.updating.state import UpdatingState
 from pipeline.updating.structural import inference
+from pipeline.updating.updater import FoundationUpdater
+from sensors.dynamics.modal_model import ModalModel
 
 STEPS = {  # functions of arrays and settings alone, where they are called: a window, its dear parts
     window_identification: ("identify",),
     identification: ("modes_of_covariances", "concluded"),
 }
+REFRESHED = FoundationUpdater._refreshed
 
 
 @pytest.fixture(scope="session")
@@ -75,18 +81,43 @@ def remembering(answers: Path) -> Iterator[None]:
                 step = getattr(module, name)
                 if not isinstance(step, partial):
                     patch.setattr(module, name, partial(_remembered, answers, step))
+        if FoundationUpdater._refreshed is REFRESHED:
+            patch.setattr(FoundationUpdater, "_refreshed", _refreshed_by(answers))
         yield
+
+
+def _refreshed_by(answers: Path) -> Callable[..., Any]:
+    """The refresh of a posterior, of the same structure and state once."""
+
+    def refreshed(updater: FoundationUpdater, state: UpdatingState, estimate: ModalEstimate) -> Any:
+        model, compute = updater._forward, partial(REFRESHED, updater, state, estimate)
+        structure: object = model
+        if isinstance(model, ModalModel):
+            structure = (model.description, model.layout, model.highest_frequency,
+                         model.theta_reference)  # fmt: skip
+        elif not is_dataclass(model):  # what it is made of is not known
+            return compute()
+        settings = updater._layout, updater.settings, updater._seed, updater._population
+        made_of = structure, type(updater._inference), *settings
+        return _kept(answers, ("posterior", made_of, updater.saved(state), estimate), compute)
+
+    return refreshed
 
 
 def _remembered(answers: Path, step: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     """The answer to these arguments, computed the first time."""
     asked = (step.__qualname__, arguments, tuple(sorted(named.items())))
+    return _kept(answers, asked, partial(step, *arguments, **named))
+
+
+def _kept(answers: Path, asked: object, compute: Callable[[], Any]) -> Any:
+    """What is kept under all that was asked, computed the first time."""
     file = answers / blake2b(repr(_content(asked)).encode()).hexdigest()[:32]
     with file.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if file.exists():
             return pickle.loads(file.read_bytes())
-        answer = step(*arguments, **named)
+        answer = compute()
         part = file.with_suffix(f".{os.getpid()}")
         part.write_bytes(pickle.dumps(answer))
         part.rename(file)

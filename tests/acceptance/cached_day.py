@@ -9,7 +9,7 @@ draws both files again. A covariance is kept by its standard deviations alone, w
 default likelihood uses of it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -45,10 +45,10 @@ class Hour:
     estimates: tuple[ModalEstimate, ...]
 
 
-def drawn_day(kind: str) -> list[Hour]:
-    """Draw the hours anew, as they are in the file."""
+def drawn_day(kind: str, hours: Iterable[int] = range(HOURS)) -> list[Hour]:
+    """Draw hours anew, as they are in the file."""
     return [_drawn_hour(kind, np.random.default_rng([SEED, KINDS.index(kind), hour]))
-            for hour in range(HOURS)]  # fmt: skip
+            for hour in hours]  # fmt: skip
 
 
 def _drawn_hour(kind: str, rng: np.random.Generator) -> Hour:

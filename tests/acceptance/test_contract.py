@@ -149,11 +149,21 @@ def test_the_fit_is_judged_as_in_the_reference(
     assert np.mean([each.trusted for each in posteriors]) >= 22 / 24
 
 
+# Each hour has draws of its own and the same model: what moves one moves every one.
+SOME = range(0, HOURS, 6)
+OTHERS = [hour for hour in range(HOURS) if hour not in SOME]
+
+
+@pytest.mark.parametrize("hours", [SOME, pytest.param(OTHERS, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("cached", KINDS)
-def test_the_cached_hours_are_small_and_those_of_the_outside_model(cached: str) -> None:
+def test_the_cached_hours_are_small_and_those_of_the_outside_model(
+    cached: str, hours: Sequence[int]
+) -> None:
     """Drawn again they agree to the single precision of the file."""
     assert (FOLDER / f"{cached}.npz").stat().st_size < 500_000
-    for kept, drawn in zip(cached_day(cached), drawn_day(cached), strict=True):
+    day = cached_day(cached)
+    for hour, drawn in zip(hours, drawn_day(cached, hours), strict=True):
+        kept = day[hour]
         assert kept.theta == pytest.approx(drawn.theta)
         for one, other in zip(kept.estimates, drawn.estimates, strict=True):
             assert [m.pair_id for m in one.modes] == [m.pair_id for m in other.modes]

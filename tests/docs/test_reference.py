@@ -16,6 +16,12 @@ from sensors.structure.description import TurbineDescription
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.fixture(scope="module")
+def pages(reference: ModuleType) -> dict[str, str]:
+    """Every page of reference by its name."""
+    return dict(reference.pages())
+
+
 @pytest.mark.parametrize(
     ("settings", "page", "fewest"),
     [
@@ -27,9 +33,9 @@ ROOT = Path(__file__).parents[2]
     ],
 )
 def test_every_key_is_named_with_its_meaning(
-    reference: ModuleType, settings: type, page: str, fewest: int
+    reference: ModuleType, pages: dict[str, str], settings: type, page: str, fewest: int
 ) -> None:
-    text = reference.pages()[f"reference/{page}.md"]
+    text = pages[f"reference/{page}.md"]
     named, without = 0, []
     for section, kind in reference.sections(settings, ""):
         meanings = reference.field_meanings(kind)
@@ -47,21 +53,20 @@ def test_every_figure_of_the_structure_is_named(reference: ModuleType) -> None:
     assert [name for name in KNOWN if f"| `{name}` |" not in text] == []
 
 
-def test_every_command_is_named_with_its_options(reference: ModuleType) -> None:
-    text = reference.commands()
+def test_every_command_is_named_with_its_options(pages: dict[str, str]) -> None:
+    text = pages["reference/commands.md"]
     assert "## pilewatch identify" in text
     assert "`--lowest-frequency`" in text
 
 
-def test_the_choices_of_an_option_are_listed(reference: ModuleType) -> None:
-    assert "One of `importance`, `emcee`, `tmcmc`, `tmcmc-published`." in reference.commands()
+def test_the_choices_of_an_option_are_listed(pages: dict[str, str]) -> None:
+    listed = "One of `importance`, `emcee`, `tmcmc`, `tmcmc-published`."
+    assert listed in pages["reference/commands.md"]
 
 
 @pytest.mark.parametrize("page", ["scenario", "description", "layout", "notices", "mapping"])
-def test_values_are_named_in_words_and_as_toml(reference: ModuleType, page: str) -> None:
-    rows = [
-        line for line in reference.pages()[f"reference/{page}.md"].splitlines() if "| `" in line
-    ]
+def test_values_are_named_in_words_and_as_toml(pages: dict[str, str], page: str) -> None:
+    rows = [line for line in pages[f"reference/{page}.md"].splitlines() if "| `" in line]
     python = ("tuple[", "Optional", "Literal", "`None`", "`()`", "`True`", "`False`", "None:")
     assert [(row, word) for row in rows for word in python if word in row] == []
 

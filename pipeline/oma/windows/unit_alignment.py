@@ -11,6 +11,7 @@ unit covers it, or when one is `lateness` beyond it and the others are given up.
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,22 @@ MOST_SESSIONS = 8  # boots of a unit whose samples are held
 REMEMBERED_BEGINNINGS = 10_000  # grid blocks whose beginnings are known in the units' own counts
 
 
+@dataclass(frozen=True, slots=True)
+class ClockLine:
+    """A unit's sample numbers as a line over sensor time."""
+
+    stamps: list[tuple[int, int]]
+    """First sample and start [ns] of the blocks that it is fitted to."""
+    rate: float
+    """[Hz]"""
+    origin: float
+    """Sample number at the last of the stamps."""
+
+    def positions(self, times_ns: NDArray[np.int64]) -> FloatArray:
+        """Sample numbers at sensor times."""
+        return np.asarray(self.origin + self.rate * ((times_ns - self.stamps[-1][1]) / NANOSECONDS))
+
+
 class UnitStream:
     """The samples of one session of one unit, and its clock by the stamps."""
 
@@ -46,6 +63,7 @@ class UnitStream:
         self._held_from = first.first_sample  # index of the first sample held
         self._stamps: list[tuple[int, int]] = []  # first sample, start [ns] of each block held
         self._status: list[tuple[int, int, BlockStatus]] = []  # start, end [ns]
+        self._line: ClockLine | None = None  # the last one that was asked for
 
     def push(self, piece: AccelerationBlock | MissingSamples) -> None:
         """The next piece in order; missing samples are held as NaN."""
@@ -111,13 +129,18 @@ class UnitStream:
         its drift is taken out.
         """
         known = [stamp for stamp in self._stamps if stamp[1] <= until_ns][-FITTED_STAMPS:]
-        numbers, stamps = np.array(known or self._stamps[:1]).T
+        known = known or self._stamps[:1]
+        if self._line is None or self._line.stamps != known:
+            self._line = self._fitted(known)
+        return self._line.positions(times_ns)
+
+    def _fitted(self, known: list[tuple[int, int]]) -> "ClockLine":
+        numbers, stamps = np.array(known).T
         seconds = (stamps - stamps[-1]) / NANOSECONDS
-        asked = (times_ns - stamps[-1]) / NANOSECONDS
         counted = (numbers - numbers[-1]).astype(float)
         rate = self._true_rate(seconds, counted)
         origin = float(np.mean(counted - rate * seconds))
-        return np.asarray(numbers[-1] + origin + rate * asked)
+        return ClockLine(known, rate, numbers[-1] + origin)
 
     def _true_rate(self, seconds: FloatArray, counted: FloatArray) -> float:
         """The converter's rate by least squares [Hz]; the nominal one where no stamps show it."""

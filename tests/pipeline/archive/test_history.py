@@ -29,6 +29,9 @@ from tests.pipeline.archive.modal_archives import (
 from tests.pipeline.archive.test_posteriors import AFTER, BEFORE, PLAN
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 
+# A posterior of the same plan and sums is computed once: other sums are another question.
+pytestmark = pytest.mark.usefixtures("identified_once")
+
 DATES = ("2026-01-30", "2026-01-31", "2026-02-01", "2026-02-02")
 TASKS, WINDOWS = 2, 2  # of a day; of a task
 CHANGED_AT = 9  # window, on the third day

@@ -31,6 +31,7 @@ def samples() -> FloatArray:
     return made.astype(np.float32).astype(float)
 
 
+@pytest.mark.usefixtures("identified_before")  # what lies before a gap is the same in several
 @pytest.mark.parametrize(
     ("settings", "lost"),
     [
@@ -63,6 +64,7 @@ def test_a_window_after_a_gap_is_identified_from_its_own_samples_alone(
         assert ours.frequency_std == pytest.approx(expected.frequency_std, rel=1e-4)
 
 
+@pytest.mark.usefixtures("identified_before")
 def test_a_block_longer_than_its_windows_gives_the_estimates_of_short_ones(
     samples: FloatArray,
 ) -> None:

@@ -68,6 +68,12 @@ def blocks(tower: KnownStructure) -> list[AccelerationBlock]:
     ]
 
 
+@pytest.fixture
+def digests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows that cost nothing: what is asked is which samples they have."""
+    identify_by_digests(monkeypatch.setattr)
+
+
 def answers(
     blocks: list[AccelerationBlock],
     units: tuple[UnitSettings, ...],
@@ -130,8 +136,17 @@ def test_stamps_late_by_more_than_five_milliseconds_reject_the_window(blocks) ->
     assert not estimates(said)
 
 
-def test_a_missing_unit_leaves_a_window_with_fewer_channels(blocks, tower) -> None:
-    said = answers(blocks, two_units(), lost=("upper", range(100, 140)))
+LOST = ("upper", range(100, 140))
+
+
+@pytest.fixture(scope="module")
+def partly_lost(blocks: list[AccelerationBlock]) -> list[Message]:
+    """What is said where forty blocks of one of two units are lost."""
+    return answers(blocks, two_units(), lost=LOST)
+
+
+def test_a_missing_unit_leaves_a_window_with_fewer_channels(partly_lost, tower) -> None:
+    said = partly_lost
     without, with_it = estimates(said)
     assert without.channels == LAYOUT.channel_names[:3]
     (doubt,) = [warning for warning in without.warnings if warning.code == "missing-unit"]
@@ -146,11 +161,12 @@ def test_a_missing_unit_leaves_a_window_with_fewer_channels(blocks, tower) -> No
     assert (gap.unit, gap.n_blocks) == ("upper", 40)
 
 
-def test_a_long_gap_of_a_unit_is_not_laid_out_and_changes_nothing(blocks, monkeypatch) -> None:
-    lost = ("upper", range(100, 140))
-    whole = estimates(answers(blocks, two_units(), lost=lost))
+def test_a_long_gap_of_a_unit_is_not_laid_out_and_changes_nothing(
+    blocks, partly_lost, monkeypatch
+) -> None:
+    whole = estimates(partly_lost)
     monkeypatch.setattr("pipeline.oma.windows.unit_alignment.LONGEST_HELD", 100)  # 800 are missing
-    apart = estimates(answers(blocks, two_units(), lost=lost))
+    apart = estimates(answers(blocks, two_units(), lost=LOST))
     for ours, theirs in zip(apart, whole, strict=True):
         assert ours.channels == theirs.channels
         np.testing.assert_allclose(
@@ -160,6 +176,7 @@ def test_a_long_gap_of_a_unit_is_not_laid_out_and_changes_nothing(blocks, monkey
         )
 
 
+@pytest.mark.usefixtures("digests")
 def test_samples_that_all_units_miss_at_once_reject_the_window(blocks) -> None:
     node = IdentificationNode(SETTINGS)
     for layout in unit_layouts(LAYOUT, two_units()):
@@ -190,6 +207,7 @@ def test_a_still_channel_of_one_of_two_alike_units_is_called_after_its_unit(bloc
     assert rejected.reason.startswith("upper/x1 stands still from 2")
 
 
+@pytest.mark.usefixtures("digests")
 def test_the_order_in_which_units_arrive_does_not_matter(blocks) -> None:
     units = two_units(start=0.4, clock_drift=50.0)
     node = IdentificationNode(SETTINGS)
@@ -202,6 +220,7 @@ def test_the_order_in_which_units_arrive_does_not_matter(blocks) -> None:
         assert [m.frequency for m in ours.modes] == [m.frequency for m in theirs.modes]
 
 
+@pytest.mark.usefixtures("digests")
 def test_layouts_that_come_after_the_first_blocks_change_no_window(blocks) -> None:
     """Layouts travel on keys of their own: over a network either may come first."""
     units = two_units(start=0.4)
@@ -221,12 +240,6 @@ def test_layouts_that_come_after_the_first_blocks_change_no_window(blocks) -> No
 def fates(said: list[Message]) -> list[tuple[object, str]]:
     windows = [each for each in said if isinstance(each, ModalEstimate | WindowRejected)]
     return [(each.origins, getattr(each, "code", "")) for each in windows]
-
-
-@pytest.fixture
-def digests(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Windows that cost nothing: what is asked is which samples they have."""
-    identify_by_digests(monkeypatch.setattr)
 
 
 @pytest.mark.usefixtures("digests")
@@ -302,6 +315,7 @@ def test_heights_without_a_unit_are_one_clear_line() -> None:
         unit_layouts(LAYOUT, (UnitSettings("a", ELEVATIONS[:4]),))
 
 
+@pytest.mark.usefixtures("digests")
 def test_a_unit_whose_rate_cannot_be_joined_is_refused_counted_and_told(blocks) -> None:
     """One at a time; five on end are a unit that has begun anew, which is followed."""
     whole = estimates(answers(blocks[:ONE], two_units()))
