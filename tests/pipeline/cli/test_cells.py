@@ -56,6 +56,11 @@ def test_no_word_of_a_heading_is_cut_on_a_terminal_of_eighty_columns() -> None:
     assert all(word in text for heading in headings for word in heading.split())
 
 
+def test_a_column_is_as_wide_as_the_longest_word_of_its_heading() -> None:
+    table = table_of("nodes", "a condition", "", figures=("behind [blocks]",))
+    assert [each.min_width for each in table.columns] == [9, 0, 8]
+
+
 def printed(*tables: Any, width: int = 200) -> str:
     console = Console(width=width, record=True, file=Path("/dev/null").open("w"))  # noqa: SIM115
     for table in tables:
