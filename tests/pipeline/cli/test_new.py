@@ -142,6 +142,7 @@ def test_info_of_measured_samples_states_neither_a_structure_nor_a_simulations_d
 def test_the_levels_of_a_described_structure_are_printed(
     nameless: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setenv("COLUMNS", "40")  # a pipe's lines are not folded
     described = nameless / "mine.toml"
     described.write_text(turbine_text("iea15mw_monopile"))
     monkeypatch.setattr(sys.modules["pipeline.cli.new"], "_drawn", lambda _: [described])
