@@ -3,7 +3,7 @@
 import ast
 
 from tests.mutation.__main__ import LISTS, ROOT, excused, faults_of
-from tests.mutation.draw import changes_of, drawn, executing
+from tests.mutation.draw import changes_of, drawn, executing, shortest_first
 from tests.mutation.draw import tests_of as nearest_tests
 
 SOURCE = '''def f(a: int, b: int = 2) -> int:
@@ -68,6 +68,20 @@ def test_a_fault_is_held_by_the_tests_that_execute_its_function_the_shortest_fir
     assert executing(place, line + 1, executed) == ["tests/b.py", "tests/a.py"]
     assert executing(place, 1, executed) == ["tests/b.py", "tests/d.py", "tests/a.py"]
     assert executing("pipeline/state/health.py", 1, executed) == []
+
+
+def test_a_test_that_is_known_not_to_execute_the_function_is_left_out_where_others_do() -> None:
+    place = "pipeline/state/phrases.py"
+    lines = (ROOT / place).read_text(encoding="utf-8").splitlines()
+    line = next(n for n, text in enumerate(lines, start=1) if text.startswith("def count_noun"))
+    own = "tests/pipeline/state/test_phrases.py"
+    seconds = {"tests/a.py": 3.0, "tests/b.py": 0.1, "tests/c.py": 2.0, own: 1.0}
+    calls = {f"{place}::count_noun": ["tests/a.py", "tests/b.py"]}
+    executed = {"seconds": seconds, "executing": calls}
+    tests = ["tests/a.py", "tests/unknown.py", "tests/b.py", "tests/c.py", own]
+    kept = ["tests/b.py", own, "tests/a.py", "tests/unknown.py"]
+    assert shortest_first(tests, place, line + 1, executed) == kept
+    assert len(shortest_first(tests, place, line, {"seconds": seconds, "executing": {}})) == 5
 
 
 def test_a_constant_is_held_by_the_tests_of_what_imports_it() -> None:

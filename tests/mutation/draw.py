@@ -13,15 +13,18 @@
     python -m tests.mutation.draw --seed 20261217 --faults 60   (ninth)
     python -m tests.mutation.draw --seed 20261127 --faults 60   (tenth)
     python -m tests.mutation.draw --seed 20261129 --faults 60 --executed FILE   (eleventh)
+    python -m tests.mutation.draw --seed 20261230 --faults 100 --executed FILE   (twelfth)
+    python -m tests.mutation.draw --seed 20261131 --faults 40 --executed FILE   (thirteenth)
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it; and those that hold what is published and
 what settings take, where a module has to do with these. With `--executed FILE`, which
 `tests.mutation.executed` writes, those follow that execute the function with the fault, the
 shortest first, for some seconds in all, and one that passes most of the module's room: a fault that
-the suite catches is not missed because the test that catches it is far away. Texts of messages,
-docstrings, logging, generated code and what only draws are left out: a fault there changes no
-figure.
+the suite catches is not missed because the test that catches it is far away. Those that import the
+module and are known not to execute the function are left out then, where others do. Texts of
+messages, docstrings, logging, generated code and what only draws are left out: a fault there
+changes no figure.
 """
 
 import argparse
@@ -55,7 +58,14 @@ ORDERED = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 WITHOUT_EFFECT = {"strict", "no_wrap"}  # a guard against errors of the code; a terminal's lines
 MOST_TESTS = 4  # modules of tests that are run for a fault because they import its module
 MOST_SECONDS = 10.0  # of those that are run because they execute its function [CPU s]
-SLOW = {"acceptance", "outside", "reproduction", "test_browser.py", "test_flow.py"}  # minutes each
+SLOW = {  # minutes each
+    "acceptance",
+    "outside",
+    "reproduction",
+    "test_browser.py",
+    "test_flow.py",
+    "test_on_outside_data.py",
+}
 API = "pipeline/api/"  # what stands in it is imported as of the top: `pilewatch`
 PUBLISHED = "tests/pipeline/test_published.py"  # what these rooms say, and every default
 PUBLISHING = {"cli", "export", "monitoring", "recording", "report", "state"}
@@ -197,9 +207,8 @@ def tests_of(place: str) -> list[str]:
 
     The one that has its name is among them, imported or not.
     """
-    path = Path(place)
-    own = Path("tests") / path.parent / f"test_{path.name}"
-    wide = [str(own)] if (ROOT / own).exists() else []
+    path, own = Path(place), own_test(place)
+    wide = [own] if (ROOT / own).exists() else []
     if PUBLISHING & set(path.parts) or "settings" in path.stem:
         wide.append(PUBLISHED)
     if "__post_init__" in (ROOT / place).read_text(encoding="utf-8"):
@@ -214,14 +223,19 @@ def tests_of(place: str) -> list[str]:
     return ["tests/test_flow.py"]
 
 
+def own_test(place: str) -> str:
+    """Return the test that has a module's name."""
+    path = Path(place)
+    return str(Path("tests") / path.parent / f"test_{path.name}")
+
+
 def executing(place: str, line: int, executed: Executed) -> list[str]:
     """Return tests that execute the function around a line, the shortest first, while they fit.
 
     A line outside of functions has the tests of all functions of its module, and where none is
     executed, as in a module of constants, of the modules that import it.
     """
-    function = _function_around(line, (ROOT / place).read_text(encoding="utf-8"))
-    tests = _executing_any(f"{place}::{function}", executed, whole=bool(function))
+    tests = _executing_around(place, line, executed)
     for importing in () if tests else _product_modules_importing([place]):
         tests |= _executing_any(f"{importing}::", executed)
     chosen, seconds = [], 0.0
@@ -230,6 +244,24 @@ def executing(place: str, line: int, executed: Executed) -> list[str]:
         if seconds <= MOST_SECONDS and not SLOW & set(Path(test).parts):
             chosen.append(test)
     return chosen
+
+
+def shortest_first(tests: Sequence[str], place: str, line: int, executed: Executed) -> list[str]:
+    """Return tests in order of their time, those last of which it is not known.
+
+    Tests that are known not to execute the function around a line are left out where others do, but
+    for the one that has the module's name, which may run it in a process of its own.
+    """
+    seconds, around = executed["seconds"], _executing_around(place, line, executed)
+    passed_by = seconds.keys() - around - {own_test(place)} if around else set[str]()
+    kept = [each for each in tests if each not in passed_by]
+    return sorted(kept, key=lambda each: seconds.get(each, np.inf))
+
+
+def _executing_around(place: str, line: int, executed: Executed) -> set[str]:
+    """Tests that execute the function around a line; outside of functions, any of the module's."""
+    function = _function_around(line, (ROOT / place).read_text(encoding="utf-8"))
+    return _executing_any(f"{place}::{function}", executed, whole=bool(function))
 
 
 def _executing_any(name: str, executed: Executed, *, whole: bool = False) -> set[str]:
@@ -294,8 +326,7 @@ def _importing(places: list[str], folder: Path, pattern: str) -> list[str]:
 
 def _distance_from(place: str) -> Callable[[str], tuple[int, str]]:
     """Return how many folders lie between a test and a module's own."""
-    path = Path(place)
-    mirrored = (Path("tests") / path.parent / f"test_{path.name}").parts
+    mirrored = Path(own_test(place)).parts
 
     def distance(test: str) -> tuple[int, str]:
         parts = Path(test).parts
@@ -329,8 +360,11 @@ def drawn(
             change = changes[rng.integers(len(changes))]
             old, new = _unique(source, change, texts)
             what = f"{place}:{change[0]} {change[4]}"
-            near = tests_of(place)
-            far = [*executing(place, change[0], executed), *of_the_room(place)] if executed else []
+            tests = tests_of(place)
+            if executed:
+                tests = list(dict.fromkeys([*tests, *executing(place, change[0], executed)]))
+                tests = shortest_first(tests, place, change[0], executed)
+                tests += [each for each in of_the_room(place) if each not in tests]
             found.append(
                 {
                     "place": place,
@@ -338,7 +372,7 @@ def drawn(
                     "new": new,
                     "occurrence": None,
                     "what": what,
-                    "tests": [*near, *(each for each in far if each not in near)],
+                    "tests": tests,
                 }
             )
     return found

@@ -1,5 +1,6 @@
 """One TOML file is the whole experiment."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,14 @@ def test_a_scenario_comes_back_from_a_recordings_metadata() -> None:
     assert again.simulation == scenario.simulation
     assert again.seed == 7
     assert (again.name, again.oma, again.updating) == ("parked", scenario.oma, scenario.updating)
+
+
+def test_what_is_not_overridden_stays_as_the_scenario_has_it() -> None:
+    parked = load_scenario("parked")
+    shorter, other = with_overrides(parked, duration=30.0), with_overrides(parked, seed=7)
+    assert (shorter.simulation.duration, shorter.seed) == (30.0, parked.seed)
+    assert shorter.simulation == replace(parked.simulation, duration=30.0)
+    assert (other.simulation, other.seed) == (parked.simulation, 7)
 
 
 def test_the_sign_of_k12_is_the_scenarios_where_it_says_one() -> None:

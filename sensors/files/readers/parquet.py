@@ -12,7 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import parquet
 
-from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, readable
+from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, readable, require_file
 from sensors.files.text.column_titles import distinct, split_unit
 from sensors.files.text.columns import Column, ColumnKind, convert_batches, sort_columns
 from sensors.files.text.dates import kind_of_text
@@ -30,7 +30,7 @@ def read_parquet_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[Cha
         As it reads.
     """
     damage = (OSError, UnicodeError, pa.ArrowException)
-    with readable(path, "Parquet file", *damage), parquet.ParquetFile(path) as file:
+    with readable(path, "Parquet file", *damage), parquet.ParquetFile(require_file(path)) as file:
         batches = file.iter_batches(batch_size=ROWS_OF_BATCH)
         first = next(batches, None)
         if first is None:

@@ -9,6 +9,7 @@ import dask
 import pytest
 from distributed import LocalCluster
 from distributed.client import FutureCancelledError
+from distributed.core import Status
 
 from pipeline.archive import cluster
 from pipeline.archive.cluster import (
@@ -206,3 +207,25 @@ def test_workers_are_missed_where_one_dies_with_a_result_that_is_not_fetched() -
     workers = DaskWorkers(NobodyLeft(), missed.append)
     assert workers._result_of(TakenAlong()) == 16
     assert missed == [0]
+
+
+@pytest.mark.parametrize(
+    ("states", "n_counted", "asked"),
+    [
+        (["running", "running"], 2, []),
+        (["running", "closed"], 2, [3]),
+        (["failed", "closed"], 2, [4]),
+        (["running", "closed", "running"], 3, []),  # another one has been started already
+        (["running"], 5, [5]),  # one is forgotten and still counted
+    ],
+)
+def test_as_many_workers_are_asked_for_as_died_while_they_started(
+    states: list[str], n_counted: int, asked: list[int]
+) -> None:
+    guards = {n: SimpleNamespace(status=Status[each]) for n, each in enumerate(states)}
+    scaled: list[int] = []
+    local = SimpleNamespace(
+        workers=guards, worker_spec=dict.fromkeys(range(n_counted)), scale=scaled.append
+    )
+    cluster._replace_lost(local, 2)
+    assert scaled == asked

@@ -183,6 +183,14 @@ def test_most_posteriors_are_left_to_others(passed: tuple[list[Message], list[Ca
     assert all(len(call.argument.estimates) <= WINDOWS_OF_CALL for call in passed[1])
 
 
+def test_an_anchor_stands_where_as_many_windows_as_half_of_all_came_since_the_last(
+    passed: tuple[list[Message], list[Call]],
+) -> None:
+    """At the windows 0, 1, 2, 4, 8 and, of the change, 16: between them 3, 5 to 7, 9 to 14, 15."""
+    lengths = [len(call.argument.estimates) for call in passed[1]]
+    assert lengths[:4] == [1, 3, WINDOWS_OF_CALL, 1]
+
+
 def test_a_window_without_duration_is_rejected_as_in_a_session(kept: Kept) -> None:
     first = next(estimates())
     _, refused = PosteriorPass(PLAN, kept).answers([replace(first, end_ns=first.start_ns)])

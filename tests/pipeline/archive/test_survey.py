@@ -64,3 +64,19 @@ def test_a_changed_file_and_damaged_surveys_are_read_again(recording: Path, tmp_
 
     os.utime(recording, ns=(1, 1))
     assert SurveyCache(kept).get(recording) is None
+
+
+def test_surveys_are_written_when_a_tenth_of_them_is_new_and_at_least_so_many(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(survey_module, "UNSAVED", 3)
+    found, kept = surveyed(recording), tmp_path / "surveys.pw"
+    cache, written = SurveyCache(kept), []
+    for number in range(60):
+        path = tmp_path / f"{number}.mcap"
+        path.touch()
+        cache.put(path, found)
+        if kept.exists():
+            written.append(number + 1)
+            kept.unlink()
+    assert written == [*range(3, 40, 3), 43, 47, 52, 57]

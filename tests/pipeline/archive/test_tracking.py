@@ -1,5 +1,7 @@
 """Modes of an archive are followed over hours of which nothing was recorded."""
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 
@@ -29,3 +31,16 @@ def test_a_truth_that_several_tasks_read_is_given_once() -> None:
     tracking = ArchiveTracking(LAYOUT.channel_names, float(WINDOW))
     truths = [FoundationTruth("t1", time_ns, 1.0, 2.0, 3.0) for time_ns in (10, 10, 20, 10, 20, 30)]
     assert [each.time_ns for each in tracking.followed(truths)] == [10, 20, 30]
+
+
+def test_a_gap_widens_what_is_expected_of_a_mode_for_twelve_windows_and_no_longer() -> None:
+    def after(windows_missing: int) -> object:
+        tracking = ArchiveTracking(LAYOUT.channel_names, float(WINDOW))
+        windows = [estimate(mode(1.0, SHAPE), number=n) for n in range(3)]
+        later = estimate(mode(1.0, SHAPE), number=3 + windows_missing)
+        list(tracking.followed([*windows, later]))
+        (track,) = tracking.state.tracker.tracks
+        return [value for value in astuple(track) if isinstance(value, float)]
+
+    assert after(12) == after(13) == after(1000)
+    assert after(11) != after(12)

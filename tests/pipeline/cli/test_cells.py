@@ -10,7 +10,7 @@ from rich.console import Console
 from pipeline.cli.tables.cells import format_short, format_value, table_of
 from pipeline.cli.tables.posteriors import farm_table, figures_tables
 from pipeline.cli.tables.recordings import recording_tables
-from pipeline.messages import ParameterSummary, StreamGap
+from pipeline.messages import NodeStatus, ParameterSummary, StreamGap
 from pipeline.recording.info import RecordingInfo, UnitInfo
 from pipeline.state.phrases import count_noun
 from sensors.acquisition.blocks import NANOSECONDS
@@ -56,6 +56,11 @@ def test_no_word_of_a_heading_is_cut_on_a_terminal_of_eighty_columns() -> None:
     assert all(word in text for heading in headings for word in heading.split())
 
 
+def test_a_column_is_as_wide_as_the_longest_word_of_its_heading() -> None:
+    table = table_of("nodes", "a condition", "", figures=("behind [blocks]",))
+    assert [each.min_width for each in table.columns] == [9, 0, 8]
+
+
 def printed(*tables: Any, width: int = 200) -> str:
     console = Console(width=width, record=True, file=Path("/dev/null").open("w"))  # noqa: SIM115
     for table in tables:
@@ -89,3 +94,11 @@ def test_a_recordings_table_gives_the_seconds_that_are_missing() -> None:
     )
     info = RecordingInfo(Path("a.mcap"), 100, {}, (), (unit,), (), ())
     assert "2 (3.0 s)" in printed(*recording_tables(info))
+
+
+@pytest.mark.parametrize(("last", "text"), [(-1, ""), (0, "0"), (7, "7")])
+def test_a_node_that_has_taken_the_first_block_has_its_number_0(last: int, text: str) -> None:
+    status = NodeStatus("t1", "updating", 0, "running", last_sequence=last)
+    info = RecordingInfo(Path("a.mcap"), 100, {}, (), (), (), (status,))
+    *_, nodes = recording_tables(info)
+    assert list(nodes.columns[2].cells) == [text]

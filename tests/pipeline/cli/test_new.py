@@ -10,6 +10,7 @@ import pytest
 
 from pipeline.cli import main
 from pipeline.recording.info import recording_info
+from sensors.structure.description import turbine_text
 
 Answered = Callable[[str, str], str]
 
@@ -136,3 +137,16 @@ def test_info_of_measured_samples_states_neither_a_structure_nor_a_simulations_d
     printed = capsys.readouterr().out
     assert "scenario.structure = exact" in printed
     assert "scenario.duration" not in printed
+
+
+def test_the_levels_of_a_described_structure_are_printed(
+    nameless: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")  # a pipe's lines are not folded
+    described = nameless / "mine.toml"
+    described.write_text(turbine_text("iea15mw_monopile"))
+    monkeypatch.setattr(sys.modules["pipeline.cli.new"], "_drawn", lambda _: [described])
+    assert call("new two.csv --sampling-rate 20 -o mine", monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert "Structure: springs at -30 m, water to 0 m, tower top at 145 m" in printed
+    assert "mine.toml" in printed.splitlines()[-2]

@@ -86,7 +86,7 @@ def test_recordings_become_a_table_a_prior_and_figures(recorded: Path, tmp_path:
 
 
 def test_people_get_a_table_and_what_was_left_out(recorded: Path) -> None:
-    told = CliRunner().invoke(app, ["farm", str(recorded)], env={"COLUMNS": "140"}).output
+    told = CliRunner().invoke(app, ["farm", str(recorded)], env={"COLUMNS": "40"}).output
     assert "3 turbines pooled" in told
     assert "t4 left out: its posterior is not trusted" in told
 

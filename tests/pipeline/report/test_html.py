@@ -96,3 +96,12 @@ def test_the_first_cell_of_a_row_is_its_link() -> None:
     assert '<td><a href="#t1">t&lt;1&gt;</a></td>' in page
     assert page.count("<a ") == 2
     assert page.index("#t2") < page.index(">4</td>")
+
+
+def test_the_root_of_a_figure_alone_is_its_picture_and_its_ids_are_its_own() -> None:
+    inner = '<svg id="a"><use href="#b" xlink:href="#c" fill="url(#d)"/></svg>'
+    figure = svg_figure(f'<?xml version="1.0"?>\n<svg>{inner}</svg>\n', "a < b", name="n1")
+    own = '<svg id="n1-a"><use href="#n1-b" xlink:href="#n1-c" fill="url(#n1-d)"/></svg>'
+    assert figure == (f'<figure><svg role="img" aria-label="a &lt; b">{own}</svg></figure>\n')
+    captioned = svg_figure("<svg></svg>", "", caption="5 > 4", name="n2")
+    assert captioned.endswith("<figcaption>5 &gt; 4</figcaption></figure>\n")

@@ -1,11 +1,13 @@
 """The stabilisation diagram is drawn from what was identified."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from pipeline.oma.identification import identify
+from pipeline.messages import RefusedMode
+from pipeline.oma.identification import Identification, identify
 from pipeline.report.stabilisation import draw_stabilisation, spectral_singular_values
 from sensors.errors import InputError
 
@@ -51,3 +53,15 @@ def test_a_folder_that_is_not_there_is_one_clear_line(record: np.ndarray, tmp_pa
     pytest.importorskip("matplotlib")
     with pytest.raises(InputError, match=r"cannot write the figure .*No such file"):
         draw_stabilisation(identify(record, RATE), record, RATE, tmp_path / "none" / "a.png")
+
+
+def test_the_figure_names_modes_and_why_others_were_refused(tmp_path: Path) -> None:
+    """An SVG has each text as a comment beside its outlines."""
+    pytest.importorskip("matplotlib")
+    refused = (RefusedMode(3.0, 0.4, "too-damped", ""), RefusedMode(5.0, 0.01, "rotor", ""))
+    path, noise = tmp_path / "diagram.svg", np.random.default_rng(2).standard_normal((200, 1))
+    mode = SimpleNamespace(frequency=1.234)
+    draw_stabilisation(Identification((mode,), refused=refused), noise, RATE, path, title="Tower")  # type: ignore[arg-type]
+    drawn = path.read_text("utf-8")
+    for text in ("1.234 Hz", "too-damped", "rotor", "Tower: 1 modes; bars are"):
+        assert f"<!-- {text}" in drawn

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -61,6 +62,34 @@ def test_the_lock_of_a_run_that_was_killed_is_taken_over(tmp_path: Path) -> None
         assert json.loads((tmp_path / LOCK).read_text())["process"] == os.getpid()
     with owned(tmp_path) as ownership:
         assert ownership.epoch == 3
+
+
+NO_PROCESS = 2**30  # more than any system numbers
+
+
+@pytest.mark.parametrize(
+    ("owner", "n_pauses"),
+    [
+        ({"process": NO_PROCESS, "host": socket.gethostname()}, 1),
+        ({"process": NO_PROCESS, "host": "another"}, 0),
+        ({"process": "?", "host": socket.gethostname()}, 0),
+        ({"process": os.getpid(), "host": socket.gethostname()}, 0),
+    ],
+)
+def test_the_lock_of_a_process_that_may_run_is_not_waited_for(
+    owner: dict[str, object], n_pauses: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of another machine's process it is not known whether it runs."""
+    pauses: list[float] = []
+    with owned(tmp_path) as held:
+        os.ftruncate(held.descriptor, 0)
+        os.pwrite(held.descriptor, json.dumps(owner).encode(), 0)
+        with monkeypatch.context() as patched:
+            patched.setattr(time, "sleep", pauses.append)
+            patched.setattr(time, "monotonic", lambda: float(len(pauses)))
+            with pytest.raises(InputError, match="belongs to"), owned(tmp_path, patience=0.5):
+                pass
+    assert len(pauses) == n_pauses
 
 
 def test_processes_of_a_killed_run_are_waited_for(tmp_path: Path) -> None:

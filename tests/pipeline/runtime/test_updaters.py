@@ -27,3 +27,15 @@ def test_earlier_recordings_are_read_where_snapshots_are_kept(
     folder = tmp_path / "kept" if kept else None
     Turbines(scenario, scenario.layout, {}, folder, earlier=earlier).updating()
     assert made == [earlier if kept else ()]
+
+
+def test_the_first_turbines_updating_is_made_before_a_window_comes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[str] = []
+    monkeypatch.setattr(
+        updaters, "UpdatingNode", lambda *_, **__: SimpleNamespace(begin=begun.append)
+    )
+    scenario = load_scenario("parked")
+    Turbines(scenario, scenario.layout, {}, None).updating()
+    assert begun == [scenario.layout.turbine]

@@ -1,5 +1,6 @@
 """A part of a recording, several rounds, several files: the same blocks as one stream."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.recording.settings import RecordingSettings
 from pipeline.runtime.source_feed import with_end
 from pipeline.sources.recorded_stream import Playback, SourceError, recordings_in
+from pipeline.sources.session_files import one_recording
 from pipeline.sources.sources import replayed, simulated
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -118,6 +120,20 @@ def first_estimate(source) -> ModalEstimate:
     node = IdentificationNode(source.scenario.oma)
     answers = (answer for message in source.messages() for answer in node.handle(message))
     return next(answer for answer in answers if isinstance(answer, ModalEstimate))
+
+
+def test_playback_begins_at_the_first_sample_or_at_any_moment_after_it():
+    assert (Playback(0.0).start, Playback(0.1).start) == (0.0, 0.1)
+    with pytest.raises(InputError, match=r"--from -0\.1 is before the first"):
+        Playback(-0.1)
+
+
+def test_of_two_recordings_one_is_to_be_named(short_recording: Path, tmp_path: Path):
+    first = Path(shutil.copy(short_recording, tmp_path / "a.mcap"))
+    assert one_recording(tmp_path) == one_recording(first) == first
+    shutil.copy(short_recording, tmp_path / "b.mcap")
+    with pytest.raises(SourceError, match=r"has 2 recordings; name one of a\.mcap, b\.mcap$"):
+        one_recording(tmp_path)
 
 
 def test_what_cannot_be_played_is_one_line(short_recording: Path, tmp_path: Path):

@@ -8,7 +8,12 @@ import pytest
 
 from pipeline.cli.tables.posteriors import figures_tables, posterior_table
 from pipeline.messages import FoundationPosterior, FoundationTruth, ParameterSummary
-from pipeline.state.posterior_json import empty_summary, plus_minus, posterior_summary
+from pipeline.state.posterior_json import (
+    empty_summary,
+    plus_minus,
+    posterior_summary,
+    widest_half_width,
+)
 
 POSTERIOR = FoundationPosterior(
     turbine="small",
@@ -42,6 +47,15 @@ def test_ratios_are_to_nominal_and_in_rising_order_for_a_negative_coupling_too()
     k12 = posterior_summary(POSTERIOR)["k12"]
     assert (k12["ratio_p05"], k12["ratio_median"], k12["ratio_p95"]) == pytest.approx(
         (0.9, 1.0, 1.1)
+    )
+
+
+def test_the_widest_interval_is_over_its_own_median_not_over_nominal():
+    assert widest_half_width(POSTERIOR) == pytest.approx(0.1)
+    k11, k22, *others = POSTERIOR.parameters
+    soft = replace(k22, median=4e11, p05=3.4e11, p95=4.8e11)  # half of nominal
+    assert widest_half_width(replace(POSTERIOR, parameters=(k11, soft, *others))) == pytest.approx(
+        0.7 / 4
     )
 
 

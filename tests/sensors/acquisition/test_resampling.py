@@ -26,3 +26,10 @@ def test_what_a_lower_rate_cannot_hold_does_not_fold_back() -> None:
     low = interpolated(np.sin(2 * np.pi * 0.15 * n)[:, None], positions, band=0.4)
     assert np.abs(high).max() < 1e-3
     np.testing.assert_allclose(low[:, 0], np.sin(2 * np.pi * 0.15 * positions), atol=2e-3)
+
+
+def test_a_higher_rate_gains_nothing_beyond_what_the_samples_hold() -> None:
+    samples = np.random.default_rng(3).standard_normal((100, 2))
+    positions = np.arange(30.0, 70.0, 0.3)
+    faster = interpolated(samples, positions, band=10 / 3)
+    np.testing.assert_array_equal(faster, interpolated(samples, positions))

@@ -152,6 +152,21 @@ def test_a_kill_while_the_files_are_begun_brings_no_message_twice(tmp_path: Path
     assert [payload for _, payload in messages] == [b"0", b"1", b"2"]
 
 
+def test_what_two_kills_left_unpublished_is_all_there_after_a_third(tmp_path: Path) -> None:
+    clock = Clock()
+    kept, _ = journal(tmp_path, clock)
+    kept.resumed()
+    kept.keep("t", b"0")
+    clock.now = 3.0
+    kept.keep("t", b"1")  # a new file: the older one has the first
+    for number in (2, 3):
+        kept, _ = journal(tmp_path)
+        kept.resumed()
+        kept.keep("t", b"%d" % number)
+    _, messages = journal(tmp_path)[0].resumed()
+    assert [payload for _, payload in messages] == [b"0", b"1", b"2", b"3"]
+
+
 @pytest.mark.parametrize(("published", "kept"), [(0.85, [0, 1, 2]), (0.9, [1, 2])])
 def test_a_message_is_kept_until_its_last_sample_is_published(
     tmp_path: Path, published: float, kept: list[int]

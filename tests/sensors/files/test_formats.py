@@ -1,5 +1,6 @@
 """One measurement in every format; broken files of every format; formats of others."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -198,3 +199,12 @@ def test_a_start_without_a_zone_is_of_the_zone_that_is_stated(
     zone = TimeColumn(zone="Europe/Copenhagen")
     start = np.datetime64(read_file(path, wanted=dated(EVERYTHING, zone)).start_ns, "ns")
     assert start == np.datetime64(f"2026-07-01T{hours:02d}:00:00")
+
+
+@pytest.mark.parametrize("suffix", [*formats.CHANNEL_READERS, *formats.CHUNK_READERS])
+def test_a_file_that_is_not_there_is_told_alike_by_every_reader(
+    suffix: str, tmp_path: Path
+) -> None:
+    missing = tmp_path / f"gone.{suffix}"
+    with pytest.raises(FileError, match=rf"^{re.escape(str(missing))}: No such file or directory$"):
+        read_file(missing)

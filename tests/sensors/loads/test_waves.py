@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from sensors.loads import LoadError, Sea, SeaState, wave_load, wave_number
 from sensors.loads.spectra import horizontal_motion, wave_numbers
+from sensors.loads.synthesis import OVERLAP
 from sensors.loads.waves import WaveLoad, directional_covariance, elevation_spectrum
 from sensors.structure.assembly import assemble
 from sensors.structure.description import load_turbine
@@ -184,3 +185,16 @@ def test_waves_do_not_depend_on_the_chunks_they_are_drawn_in(
 def test_a_sea_that_cannot_be_is_refused(wrong: dict[str, float], message: str) -> None:
     with pytest.raises(LoadError, match=message):
         Sea(**wrong)
+
+
+def test_the_column_that_is_pushed_follows_the_tide_from_segment_to_segment(
+    tower: StructuralModel,
+) -> None:
+    """Once the water has risen, forces are those of a sea that was always so high."""
+    high, n = replace(STATE, level=1.5), round(OVERLAP * RATE)
+    always, risen = (
+        drawn(load(tower, Sea(), state).series(3, n), 4)
+        for state in (lambda _: high, lambda time: high if time > 1.0 else STATE)
+    )
+    assert not np.array_equal(risen[:n], always[:n])
+    np.testing.assert_array_equal(risen[3 * n :], always[3 * n :])

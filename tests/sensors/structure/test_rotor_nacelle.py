@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import block_diag, eigh
+from scipy.spatial.transform import Rotation
 
 from sensors.structure.components import RigidBody, RotorNacelle
 from sensors.structure.foundation import TurbineError
@@ -14,6 +15,7 @@ from sensors.structure.rotor_nacelle import (
     apex,
     blade_axes,
     blade_bending,
+    hanging_stiffness,
     nacelle_mass,
     rigid_body_mass,
     rigid_displacement,
@@ -60,6 +62,16 @@ def test_a_tensor_about_the_towers_top_is_that_about_the_centre_and_the_masss() 
         np.testing.assert_allclose(found, expected, atol=1e-6 * expected.max())
         again = nacelle_mass(RotorNacelle(bodies=(body.about_centre,)))
         np.testing.assert_allclose(again, expected, atol=1e-6 * expected.max())
+
+
+def test_a_standing_weight_gives_off_the_energy_by_which_its_centre_sinks() -> None:
+    """Translations and a turn about the vertical axis cost none."""
+    weight, height, rng = 7.0, 3.0, np.random.default_rng(1)
+    for q in (*np.eye(6), *rng.standard_normal((5, 6))):
+        small = 1e-4 * q
+        centre = Rotation.from_rotvec(ROTATION @ small).apply([0.0, 0.0, height])
+        energy = 0.5 * small @ hanging_stiffness(weight * height) @ small
+        assert energy == pytest.approx(weight * (centre[2] - height), rel=1e-4, abs=1e-14)
 
 
 def test_a_nacelle_heavier_than_its_inertia_allows_is_one_line() -> None:

@@ -76,3 +76,17 @@ def test_a_unit_whose_stamps_are_a_sample_late_is_late_by_its_interval(late: int
     assert found.seconds == pytest.approx(late / rate, abs=0.002)
     assert found.exceeds(5e-3) is (late != 0)
     assert unit_offset(shifted, rate, modes[:3], [0, 1], [2, 3]) is None
+
+
+def test_four_modes_are_enough_for_an_offset() -> None:
+    samples = ambient(
+        FREQUENCIES[:4], np.full(4, 0.01), SHAPES[:4], 50.0, np.ones(4), 0.02,
+        np.random.default_rng(8),
+    )  # fmt: skip
+    modes = [
+        Mode("", f, 1e-3, 0.01, 1e-3, shape, np.zeros((6, 1)), 1)
+        for f, shape in zip(FREQUENCIES[:4], SHAPES[:4], strict=True)
+    ]
+    found = unit_offset(samples, 50.0, modes, [0, 1], [2, 3])
+    assert found is not None
+    assert found.seconds == pytest.approx(0.0, abs=0.002)

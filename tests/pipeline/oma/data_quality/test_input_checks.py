@@ -9,6 +9,7 @@ import pytest
 from pipeline.messages import Mode
 from pipeline.oma.data_quality.input_checks import (
     Finding,
+    check_drift,
     check_samples,
     is_harmonic,
     mended,
@@ -207,3 +208,15 @@ def test_lines_of_channels_are_those_of_all_at_once() -> None:
     np.testing.assert_allclose(lines_of_channels(samples, scales, taper), at_once, atol=1e-12)
     untapered = np.fft.rfft(samples / scales, axis=0)
     np.testing.assert_allclose(lines_of_channels(samples, scales), untapered, atol=1e-12)
+
+
+@pytest.mark.parametrize("rise", [-100.0, 2.1, 1.9])
+def test_a_drift_is_told_with_its_rise_and_with_the_motion_about_its_line(rise: float) -> None:
+    """Of a motion of 1 rms the line counts from where it rises by twice that."""
+    time = np.linspace(-1.0, 1.0, 2000)
+    line = np.stack([np.ones(2000), time])
+    noise = np.random.default_rng(6).standard_normal(2000)
+    noise -= np.linalg.lstsq(line.T, noise, rcond=None)[0] @ line
+    found = check_drift((rise / 2 * time + noise / noise.std())[:, None], ["z20"])
+    text = f"z20 drifts by {abs(rise):.3g} over the window (rms 1); a line is taken off"
+    assert [each.text for each in found] == ([text] if abs(rise) > 2 else [])

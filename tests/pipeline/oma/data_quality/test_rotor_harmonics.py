@@ -49,3 +49,8 @@ def test_first_modes_beside_blade_passing_are_found_where_the_speed_is_known() -
     found = figures(range(72_001, 72_007), known=True)
     assert found["found"] >= 0.7
     assert found["windows_with_harmonic"] == 0
+
+
+@pytest.mark.parametrize(("speed", "turning"), [(0.49, False), (0.51, True)])
+def test_a_rotor_turns_from_half_a_turn_a_minute_on(speed: float, turning: bool) -> None:
+    assert turns(np.full(10, speed)) is turning

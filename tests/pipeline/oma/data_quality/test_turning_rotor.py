@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pipeline.oma.data_quality.turning_rotor import TurningRotor, turning_rotor
+from pipeline.oma.data_quality.turning_rotor import (
+    TurningRotor,
+    _cumulated,
+    _directions,
+    _of_constant_speed,
+    turning_rotor,
+)
 from pipeline.oma.identification import identify
 from sensors.arrays import FloatArray
 from tests.benchmarks.close_modes import bending_pair, triplet
@@ -118,3 +124,11 @@ def test_a_rotor_that_stops_or_starts_within_the_window_turns(stops: bool) -> No
         found = rotor_of(quiet + 0.4 * quiet.std(axis=0).max() * np.outer(blades, ACROSS))
         assert found is not None
         assert found.speed == pytest.approx(SPEED, rel=0.03)
+
+
+def test_the_speed_of_a_steady_rotor_is_that_of_its_line_over_the_lines_order() -> None:
+    samples = with_rotor(70_301, 0.1, wander=0.0)
+    lines = _directions(samples - samples.mean(axis=0), DURATION)
+    found = next(_of_constant_speed(lines, _cumulated(lines), DURATION))
+    assert found.speed == pytest.approx(SPEED, abs=60 / DURATION)
+    assert found.orders == (3, 6)

@@ -13,7 +13,7 @@ from pipeline.oma.preprocessing import (
     n_decimated,
 )
 from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.bands import plan_bands
+from pipeline.oma.ssi.bands import _orders, plan_bands
 from pipeline.scenario import scenario_from_text
 from tests.pipeline.oma.conftest import KnownStructure
 
@@ -85,3 +85,14 @@ def test_the_slowest_band_holds_a_period_of_the_lowest_frequency_and_is_no_slowe
     periods = 2 * slowest.block_rows / slowest.sampling_rate * lowest
     assert periods >= 1.0
     assert slowest.decimation == 8 or periods < 4.0  # the next faster one would not hold it
+
+
+@pytest.mark.parametrize(
+    ("rank", "orders"), [(64, (20, 32)), (40, (20,)), (38, (18,)), (18, (8,)), (7, (2,)), (3, (2,))]
+)
+def test_an_order_is_even_and_at_most_half_the_rank(rank: int, orders: tuple[int, ...]) -> None:
+    assert _orders((20, 32), rank=rank, n_references=8) == orders
+
+
+def test_two_references_have_half_the_orders_of_eight() -> None:
+    assert _orders((20, 32), rank=64, n_references=2) == (10, 16)

@@ -129,3 +129,22 @@ def test_a_mode_is_kept_from_the_least_number_of_orders_on() -> None:
         poles = cloud([1.0] * n_seen, [1e-3] * n_seen, [ALONG] * n_seen)
         assert len(clusters(poles, n_orders=10, minimum_presence=0.4)) == n_modes
     assert clusters(cloud([1.0], [1e-3], [ALONG]), n_orders=1, minimum_presence=0.4) == []
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(
+    ("apart", "std", "n_modes"),
+    [
+        (0.01, 0.003, 1),  # 3 √2 stds are more than what lies between
+        (0.01, 0.001, 2),
+        (0.0015, 1e-6, 1),  # whatever their stds: twice a thousandth may be one mode
+        (0.03, 0.02, 2),  # and three hundredths never are
+    ],
+)
+def test_poles_are_one_mode_by_what_lies_between_them_over_their_frequency(
+    apart: float, std: float, n_modes: int, scale: float
+) -> None:
+    frequencies = [scale] * 10 + [scale * (1 + apart)] * 10
+    poles = cloud(frequencies, [std * scale] * 20, [ALONG] * 20)
+    found = clusters(poles, n_orders=20, minimum_presence=0.4)
+    assert len(found) == n_modes

@@ -77,3 +77,10 @@ def test_what_a_fast_or_slow_converter_took_is_read_at_the_instants_of_a_true_on
     read = at_nominal_rate(wave, ratio)
     assert len(read) == 1 + int(1999 / ratio)
     np.testing.assert_allclose(read[20:1970, 0], np.sin(2 * np.pi * 1.3 * true)[20:1970], atol=1e-3)
+
+
+@pytest.mark.parametrize("started", [1, 3 * 10**10])
+def test_a_line_through_stamps_is_the_same_however_long_the_unit_has_run(started: int) -> None:
+    now = stamps(5e-5, 1e-4, late=3)
+    later = [(number + started, stamp) for number, stamp in now]
+    assert fit_clock(later, RATE) == fit_clock(now, RATE)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.updating.prior import UpdatingError
-from pipeline.updating.samplers.emcee_sampler import SamplerSettings, ensemble_chains
+from pipeline.updating.samplers.emcee_sampler import Chains, SamplerSettings, ensemble_chains
 
 SETTINGS = SamplerSettings(effective_draws=3000)
 MEAN = np.array([1.0, 2.0, -0.5])
@@ -87,3 +87,10 @@ def test_a_chain_that_is_too_short_says_so():
 def test_an_odd_number_of_walkers_is_refused_with_it():
     with pytest.raises(UpdatingError, match="41"):
         SamplerSettings(walkers=41)
+
+
+def test_the_ensemble_is_where_the_walkers_stand_at_the_end():
+    points = np.arange(24.0).reshape(3, 4, 2)  # steps, walkers, dimensions
+    chains = Chains(points, np.zeros((3, 4)), 1.0, 1.0, 1.0, True)
+    assert chains.ensemble.tolist() == [[16, 17], [18, 19], [20, 21], [22, 23]]
+    assert chains.flat[-4:, :2].tolist() == chains.ensemble.tolist()

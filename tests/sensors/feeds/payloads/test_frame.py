@@ -66,6 +66,13 @@ def test_no_bit_of_a_signed_frame_can_be_changed() -> None:
             decoded(bytes(forged), KEY)
 
 
+def test_a_frame_without_a_signature_is_refused_as_one_and_a_wrong_signature_as_another() -> None:
+    with pytest.raises(FrameError, match="without a signature"):
+        decoded(encoded(frame()), KEY)
+    with pytest.raises(FrameError, match="not of the shared key"):
+        decoded(encoded(frame(), b"guessed"), KEY)
+
+
 def test_a_frame_of_whoever_has_not_the_key_is_counted_as_forged() -> None:
     counts = FeedCounts()
     reader = FrameReader(("ax", "ay"), counts, KEY)
@@ -84,6 +91,15 @@ def test_a_signed_frame_that_is_sent_again_is_not_taken_again() -> None:
     assert reader.read(encoded(frame(0, session=2), KEY), "") is not None
     assert [reader.read(payload, "") for payload in recorded] == [None] * 3
     assert counts.late == 3
+
+
+def test_each_frame_that_nothing_takes_in_is_one_lost_message() -> None:
+    counts = FeedCounts()
+    reader = FrameReader(("ax", "ay"), counts)
+    for number in range(3):
+        assert reader.read(encoded(frame(number)), "") is not None
+        reader.drop()
+    assert (counts.received, counts.lost) == (3, 3)
 
 
 def test_a_frame_without_names_has_all_channels_of_the_layout() -> None:

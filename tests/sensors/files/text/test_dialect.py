@@ -90,3 +90,21 @@ def test_the_start_in_a_files_name(name: str, zone: str, begin: str | None) -> N
 def test_an_unknown_zone_is_refused() -> None:
     with pytest.raises(FileError, match="zone 'Berlin' is no time zone"):
         TimeColumn(zone="Berlin")
+
+
+def titles_of(folder: Path, above: str) -> list[tuple[str, str]]:
+    path = folder / "titled.csv"
+    path.write_text(f"{above}0;1;2\n1;2;3\n2;3;4\n", encoding="ascii")
+    return [(each.title, each.unit) for each in read_head(path).columns.all]
+
+
+@pytest.mark.parametrize("between", ["", "measured\n", ";;\n", ";\n"])
+def test_lines_between_units_and_samples_are_neither_titles_nor_units(
+    tmp_path: Path, between: str
+) -> None:
+    found = titles_of(tmp_path, f"Logger 7\nt;a;b\ns;g;g\n{between}")
+    assert found == [("t [s]", "s"), ("a [g]", "g"), ("b [g]", "g")]
+
+
+def test_columns_below_a_line_of_another_length_have_numbers_for_titles(tmp_path: Path) -> None:
+    assert titles_of(tmp_path, "Logger 7\n") == [("ch1", ""), ("ch2", ""), ("ch3", "")]

@@ -136,3 +136,15 @@ def test_blades_are_equal_elements_with_the_mean_mass_of_the_files_between_their
     middles = (ends[:-1] + ends[1:]) / 2
     masses = [each.mass_per_length for each in blades.elements]
     assert masses == pytest.approx(300 - 200 * middles / 60)
+
+
+@pytest.mark.parametrize("products", [[], [4e5, 5e5, 6e5]])
+def test_a_body_has_its_moments_of_inertia_and_its_products_where_the_file_has_them(
+    products: list[float], tmp_path: Path
+) -> None:
+    small = turbine()
+    body = small["components"]["drivetrain"]["elastic_properties"]
+    body["inertia"] = [1e6, 2e6, 3e6, *products]
+    (found,) = read_windio(written(tmp_path, small), SPRINGS).rotor_nacelle.bodies
+    assert found.inertia == (1e6, 2e6, 3e6)
+    assert found.products == (tuple(products) or (0.0, 0.0, 0.0))

@@ -168,3 +168,16 @@ def test_the_figure_whose_freedom_lowers_the_cost_most_is_tried_first(
     expected = np.argsort(-np.array(drops))[: faults.FIGURES_TRIED]
     assert [int(each.name) for each in found] == expected.tolist()
     assert found[0].name == "1"
+
+
+@pytest.mark.parametrize("turns", [True, False])
+def test_all_sensors_are_turned_by_the_angles_that_are_worth_a_name(
+    turns: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each in standard deviations of a heading's prior; none where no heading can be wrong."""
+    all_turned = fault(faults.ALL_TURNED) if turns else None
+    monkeypatch.setattr(faults, "fault_named", lambda *_: all_turned)
+    figures = [SimpleNamespace(kind="gain", std=0.03), SimpleNamespace(kind="heading", std=2.0)]
+    fit: Any = Fit(SimpleNamespace(figures=figures))
+    found = faults.turned_by(fit, [30.0, -4.9, 0.0, -5.0, 5.0])
+    assert found == ([(all_turned, 15.0), (all_turned, -2.5), (all_turned, 2.5)] if turns else [])
