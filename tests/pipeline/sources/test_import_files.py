@@ -173,6 +173,16 @@ corner_frequency = 0.1
 """
 
 
+def test_a_column_that_rises_evenly_is_left_out_where_the_rate_is_given(tmp_path: Path) -> None:
+    rows = [f"{0.5 + k / 10},{a!r},{b!r}" for k, (a, b) in enumerate(SAMPLES[:200].tolist())]
+    path = written(tmp_path / "a.csv", "\n".join(["ramp,z145-fa,z145-ss", *rows]) + "\n")
+    with pytest.raises(InputError, match=r"'ramp' rises evenly from 0\.5 by 0\.1"):
+        open_measurement([path])
+    record_measurement(open_measurement([path], sampling_rate=10.0), tmp_path / "a.mcap")
+    (layout,) = recording_info(tmp_path / "a.mcap").layouts
+    assert layout.channel_names == ("z145-fa", "z145-ss")
+
+
 def test_a_layout_file_says_place_unit_and_sensitivity(tmp_path: Path) -> None:
     rows = "".join(f"{i / 40},{i},{2 * i},7\n" for i in range(100))
     path = written(tmp_path / "a.csv", "t,A [m/s2],B [V],C\n" + rows)

@@ -54,3 +54,13 @@ def test_first_modes_beside_blade_passing_are_found_where_the_speed_is_known() -
 @pytest.mark.parametrize(("speed", "turning"), [(0.49, False), (0.51, True)])
 def test_a_rotor_turns_from_half_a_turn_a_minute_on(speed: float, turning: bool) -> None:
     assert turns(np.full(10, speed)) is turning
+
+
+@pytest.mark.parametrize("order", [1, 3, 6])
+def test_a_harmonic_reaches_two_lines_or_as_far_as_its_speed_scatters(order: int) -> None:
+    steady = np.full(6000, 6.0)  # a tenth of a turn a second
+    scattering = steady + np.where(np.arange(6000) % 2, 0.6, -0.6)  # .01 turns a second
+    for speed, reach in ((steady, 2 / 600.0), (scattering, 0.01 * order)):
+        for side in (-1, 1):
+            assert follows_rotor(0.1 * order + side * 0.97 * reach, 600.0, speed)
+            assert not follows_rotor(0.1 * order + side * 1.03 * reach, 600.0, speed)
