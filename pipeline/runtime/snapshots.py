@@ -76,13 +76,6 @@ class SnapshotFolder:
     def write(self, turbine: str, snapshot: NodeSnapshot) -> None:
         """Replace the turbine's snapshot in one step, the bytes on disk before the name.
 
-        Parameters
-        ----------
-        turbine : str
-            Its id.
-        snapshot : NodeSnapshot
-            Of its node.
-
         Raises
         ------
         OSError
