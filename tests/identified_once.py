@@ -28,6 +28,7 @@ from pipeline.messages import ModalEstimate
 from pipeline.oma import identification, window_identification
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.structural import inference
+from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.updater import FoundationUpdater
 from sensors.dynamics.modal_model import ModalModel
 
@@ -98,10 +99,23 @@ def _refreshed_by(answers: Path) -> Callable[..., Any]:
         elif not is_dataclass(model):  # what it is made of is not known
             return compute()
         settings = updater._layout, updater.settings, updater._seed, updater._population
-        made_of = structure, type(updater._inference), *settings
+        made_of = structure, _of_inference(updater._inference), *settings
         return _kept(answers, ("posterior", made_of, updater.saved(state), estimate), compute)
 
     return refreshed
+
+
+def _of_inference(inference: object) -> object:
+    """What an inference was itself given, which need not be what its updater was."""
+    if not isinstance(inference, JointInference):
+        return type(inference).__qualname__  # the updater makes it of what it was given
+    fits = [
+        (alternative, fit._draws, fit.likelihood, fit._pairing, fit.settings, fit.tolerance,
+         fit.sensors.figures, fit.coordinates.figures, fit.coordinates.origin,
+         fit.coordinates.prior_precision, fit.coordinates.level_std)
+        for alternative, fit in inference.fits
+    ]  # fmt: skip
+    return inference.structure, inference.layout, inference.prior, inference._highest_sigma, fits
 
 
 def _remembered(answers: Path, step: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
