@@ -53,6 +53,14 @@ def test_a_day_runs_everything_but_the_nightly_tests(suite: pytest.Pytester) -> 
     assert order[:4] == ["test_one", "test_two", "test_three", "test_four"]
 
 
+def test_a_day_runs_the_same_in_the_order_that_a_seed_asks_for(suite: pytest.Pytester) -> None:
+    outcomes, mixed = run(suite, "--order-seed", "1")
+    assert outcomes == {"passed": 6, "skipped": 1, "deselected": 1}
+    _, plain = run(suite)
+    assert mixed != plain
+    assert sorted(mixed) == sorted(plain)
+
+
 def test_a_night_runs_all_in_an_order_of_its_seed(suite: pytest.Pytester) -> None:
     outcomes, one = run(suite, "-m", "nightly", "--night-seed", "1")
     assert outcomes == {"passed": 7, "skipped": 1}

@@ -7,6 +7,7 @@
 Which tests are quick follows from `quick.txt`: the modules whose tests together need little time,
 measured by `python -m pytest --cpu-times FILE` and `python -m tests.tiers FILE`. A night's order
 and draws follow from its seed, which the first lines print; `--night-seed N` runs that night again.
+`--order-seed N` mixes the order of the other tiers and draws nothing.
 """
 
 import json
@@ -52,6 +53,7 @@ settings.register_profile(
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--night-seed", type=int, default=None, help="of a night's order and draws")
+    parser.addoption("--order-seed", type=int, default=None, help="mixes the order by day")
     parser.addoption("--cpu-times", type=Path, default=None, help="write CPU seconds by module")
 
 
@@ -100,6 +102,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             config.hook.pytest_deselected(items=late)
             items[:] = [item for item in items if item not in late]
         items.sort(key=_turn)
+    if not night and config.option.order_seed is not None:
+        _shuffle(items, random.Random(config.option.order_seed))
 
 
 @pytest.hookimpl(optionalhook=True)
