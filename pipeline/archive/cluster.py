@@ -223,7 +223,7 @@ def cluster_workers(address: str, *, patience: float = CONNECTING) -> Iterator[W
     address : str
         Of the scheduler.
     patience : float, optional
-        How long the scheduler is waited for [s].
+        How long the scheduler, and then a first worker, is waited for [s].
 
     Raises
     ------
@@ -241,6 +241,7 @@ def cluster_workers(address: str, *, patience: float = CONNECTING) -> Iterator[W
     from distributed import Client
 
     with _opened(lambda: Client(address, timeout=patience), address) as client:
+        _await_worker(client, address, patience)
         _require_alike(client, address)
         try:
             yield DaskWorkers(client, _wait_for_workers)
@@ -253,15 +254,23 @@ def _wait_for_workers(alive: int) -> None:
         logger.warning("the cluster has no worker left; waiting for one")
 
 
+def _await_worker(client: Any, address: str, patience: float) -> None:
+    """A first one: it may start just after the scheduler, or again after a failure."""
+    try:
+        client.wait_for_workers(1, timeout=patience)
+    except TimeoutError as error:
+        raise InputError(
+            f"--cluster {address}: the scheduler has had no workers for {patience:g} s; start them "
+            f"with dask worker {address} --nthreads 1"
+        ) from error
+
+
 def _require_alike(client: Any, address: str) -> None:
     """Whether the workers give this process' numbers: one thread each, the same pilewatch.
 
     Several threads of one process would share the setting that linear algebra uses one core.
     """
-    threads = client.nthreads()
-    if not threads:
-        raise InputError(f"--cluster {address}: the scheduler has no workers")
-    for worker, count in threads.items():
+    for worker, count in client.nthreads().items():
         if count != 1:
             raise InputError(
                 f"--cluster {address}: worker {worker} has {count} threads; start each worker with "

@@ -1,5 +1,6 @@
 """Processes of this machine do what one process does; one that dies costs only what it was at."""
 
+import threading
 from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
@@ -149,6 +150,35 @@ def test_workers_of_several_threads_are_refused() -> None:
         ) as cluster,
         pytest.raises(InputError, match=r"has 2 threads; start each worker with --nthreads 1"),
         cluster_workers(cluster.scheduler_address),
+    ):
+        pass
+
+
+def cluster_of(n_workers: int) -> LocalCluster:
+    return LocalCluster(
+        n_workers=n_workers,
+        threads_per_worker=1,
+        processes=False,
+        dashboard_address="127.0.0.1:0",
+        silence_logs=50,
+    )
+
+
+def test_a_cluster_whose_workers_start_after_the_scheduler_is_waited_for() -> None:
+    with cluster_of(0) as started:
+        later = threading.Timer(0.3, started.scale, [1])
+        later.start()
+        with cluster_workers(started.scheduler_address) as workers:
+            (outcome,) = workers.outcomes([Call("later", squared, 11)])
+        later.join()
+    assert outcome.result == 121
+
+
+def test_a_cluster_without_workers_is_one_line_with_how_to_start_them() -> None:
+    with (
+        cluster_of(0) as started,
+        pytest.raises(InputError, match=r"no workers for 0.2 s; start them with dask worker "),
+        cluster_workers(started.scheduler_address, patience=0.2),
     ):
         pass
 
