@@ -11,7 +11,12 @@ from pipeline.updating.change.event_message import TrackSensitivity, stiffness_s
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import ModalLikelihood
-from pipeline.updating.model_matching import Match, Matcher, partners_in_water
+from pipeline.updating.model_matching import (
+    Match,
+    Matcher,
+    partners_in_water,
+    rise_of_comparison,
+)
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.prior import Prior, log_prior_volume, modal_where_supported
 from pipeline.updating.samplers.interface import Peak, PosteriorDraws, Target
@@ -103,18 +108,13 @@ class ExactInference:
         seed: int,
         population: StiffnessPopulation | None,
     ) -> None:
-        self._forward, self._prior = forward, prior
+        self._forward, self._prior, self._settings = forward, prior, settings
         self._seed, self._population = seed, population
         self._sampler = sampler_of(
             settings.sampling, settings.sampler, largest_rhat=settings.guards.rhat
         )
-        self._matcher = Matcher(
-            forward,
-            prior,
-            pairing=settings.pairing,
-            likelihood=settings.likelihood,
-            generator=np.random.default_rng(seed),
-        )
+        self._matchers: dict[float, Matcher] = {}  # by the water's rise [m]
+        self._matcher_in_water(0.0)
 
     def matched(self, state: UpdatingState) -> Match:
         """The model's modes beside the evidence's, looked for at the last posterior's springs too,
@@ -122,7 +122,21 @@ class ExactInference:
         start = state.median
         if start is None and self._population is not None:
             start = self._population.centre
-        return self._matcher.matched(state.evidence, start)
+        rise = rise_of_comparison(state.evidence)
+        evidence = state.evidence.with_levels_above(rise) if rise else state.evidence
+        return self._matcher_in_water(rise).matched(evidence, start)
+
+    def _matcher_in_water(self, rise: float) -> Matcher:
+        """What compares in water above the model's level; kept, for the mean of windows stays."""
+        if rise not in self._matchers:
+            self._matchers[rise] = Matcher(
+                self._forward.with_water_risen(rise) if rise else self._forward,
+                self._prior,
+                pairing=self._settings.pairing,
+                likelihood=self._settings.likelihood,
+                generator=np.random.default_rng(self._seed),
+            )
+        return self._matchers[rise]
 
     def refreshed(self, match: Match, state: UpdatingState, window: int) -> ExactRefresh:
         """Draws of the posterior after the window of that number."""
@@ -148,8 +162,10 @@ class ExactInference:
         self, evidence: ModalEvidence, match: Match, median: FloatArray
     ) -> tuple[TrackSensitivity, ...]:
         """How every paired mode's track depends on springs, at the median, and on the water."""
-        rise = evidence.mean_rise
-        water = partners_in_water(match.all_modes, rise) if evidence.level_varied else None
+        rise = match.all_modes.water_level - self._forward.water_level
+        water = np.zeros((len(match.all_modes.labels), 2))
+        if evidence.level_varied:
+            water[:] = [each.curve_about(-rise) for each in partners_in_water(match.all_modes)]
         slopes = stiffness_slopes(match.all_modes, self._prior, median)
         chosen = evidence.one_a_track(each.identified for each in match.used)
         found = [
@@ -157,7 +173,7 @@ class ExactInference:
                 track=evidence.modes[each.identified].track,
                 model=match.all_modes.labels[each.model_modes[0]],
                 slopes=slopes[list(each.model_modes)].mean(axis=0),
-                water=np.zeros(2) if water is None else water[each.model_modes[0]].curve,
+                water=water[each.model_modes[0]],
             )
             for each in match.used
             if each.identified in chosen

@@ -58,6 +58,10 @@ class ForwardModel(Protocol):
         """The same modes, followed by overlap from theta_reference, (3,), instead of nominal."""
         ...
 
+    def with_water_risen(self, rise: float) -> "ForwardModel":
+        """The same modes of the same structure with the water higher by so much [m]."""
+        ...
+
     def in_water(self, rises: Sequence[float]) -> ModesOfStiffness:
         """The modes where they are followed from with the water risen above `water_level`, row by
         row [m]; on land they stay as they are."""

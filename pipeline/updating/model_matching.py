@@ -32,7 +32,8 @@ from pipeline.updating.samplers.interface import Peak
 from sensors.arrays import FloatArray
 
 WATER_ROUNDS = 6  # at most, of taking the water out of the windows
-FAR_RISE = 0.5  # of the windows' mean level, from which on modes are computed in their water [m]
+FAR_RISE = 0.5  # of the windows' mean level, from which on they are compared with modes in it [m]
+RISE_STEP = 0.5  # in which that level is followed: windows that come move it less and less [m]
 GAUSS_NEWTON_STEPS = 12  # at most
 WIDEST = 1.0  # standard deviation of a ratio beyond which a Gaussian has no information [-]
 SETTLED = 0.001  # change of a ratio k / nominal at which no further round is needed [-]
@@ -44,7 +45,7 @@ class Match:
 
     pairing: Pairing
     evidence: ModalEvidence
-    """At the water level that the model stands in."""
+    """At the water level that `all_modes` and `forward` stand in."""
     used: tuple[ModeComparison, ...]
     likelihood: ModalLikelihood
     all_modes: ForwardModel
@@ -165,7 +166,7 @@ class Matcher:
         taken out until the stiffness stays.
         """
         for _ in range(WATER_ROUNDS):
-            partners, start = partners_in_water(local, measured.mean_rise), pairing.ratios
+            partners, start = partners_in_water(local), pairing.ratios
             evidence = measured.at_model_level(_of_each(partners, pairing))
             pairing = self._search.refined(self._targets(evidence), start)
             local = self._forward.following(self._prior.stiffness(pairing.ratios))
@@ -184,35 +185,34 @@ def _choices(used: Sequence[ModeComparison]) -> list[tuple[tuple[int, ...], bool
     return [(each.model_modes, each.shape_used) for each in used]
 
 
-def partners_in_water(forward: ForwardModel, mean_rise: float) -> list[PartnerInWater]:
-    """Each mode of the model with the water a metre lower and higher, as the windows' water asks.
+def rise_of_comparison(evidence: ModalEvidence) -> float:
+    """Return the water above the model's level in which windows and model are compared [m].
 
     Parameters
     ----------
-    forward : ForwardModel
-        Modes of the structure, known exactly.
-    mean_rise : float
-        Mean level of the windows' water above the model's [m].
+    evidence : ModalEvidence
+        With the windows' water levels in it, above the model's.
+
+    Returns
+    -------
+    float
+        The windows' mean in steps of RISE_STEP; 0 near the model's level.
 
     Notes
     -----
-    A mode follows the level on a parabola. Where the windows' water is far from the model's, it is
-    the one through the model's level, the windows' mean and a metre beyond: that through a metre to
-    either side of the model's level is off by up to .09 % in ln f at 3 m (IEA 15 MW).
+    Modes follow the water on a parabola about the level of the comparison. At 3 m it is off by up
+    to .09 % in ln f, and neighbours that the water moves together mix as no parabola says (IEA
+    15 MW).
     """
-    far = abs(mean_rise) > FAR_RISE
-    rises = [mean_rise, 0.0, mean_rise + np.sign(mean_rise)] if far else [-1.0, 0.0, 1.0]
-    modes = forward.in_water(rises)
-    logs, shapes = np.log(modes.frequencies), modes.shapes
-    if far:
-        logs, shapes = _a_metre_away(rises, logs), _a_metre_away(rises, shapes)
-    return [PartnerInWater(logs[:, j], shapes[:, j]) for j in range(len(forward.labels))]
+    mean = evidence.mean_rise
+    return round(mean / RISE_STEP) * RISE_STEP if abs(mean) > FAR_RISE else 0.0
 
 
-def _a_metre_away(rises: Sequence[float], values: FloatArray) -> FloatArray:
-    """Values at -1, 0 and 1, (3, …), on the parabola through those at other levels [m]."""
-    stencil = np.vander([-1.0, 0.0, 1.0], 3) @ np.linalg.inv(np.vander(rises, 3))
-    return np.tensordot(stencil, values, axes=1)
+def partners_in_water(forward: ForwardModel) -> list[PartnerInWater]:
+    """Return each mode of the model with the water a metre lower, as it is and a metre higher."""
+    modes = forward.in_water([-1.0, 0.0, 1.0])
+    logs = np.log(modes.frequencies)
+    return [PartnerInWater(logs[:, j], modes.shapes[:, j]) for j in range(len(forward.labels))]
 
 
 def _of_each(partners: Sequence[PartnerInWater], pairing: Pairing) -> list[PartnerInWater | None]:

@@ -14,6 +14,7 @@ box; `mudline_condensation` solves what remains.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,6 +46,7 @@ from sensors.structure.structural_model import PLANE_COLUMNS, StructuralModel
 __all__ = ["FullModes", "ModalModel", "ModalParameters", "followed_by_overlap", "full_modes"]
 
 
+FOLLOWED_RISE = 0.5  # of the water, in which shapes and order of neighbours change little [m]
 _CHUNK = 64  # foundations solved together: what fits in a processor's cache
 _BASIS_MARGIN = 1.5  # a basis holds the modes to this multiple of the highest followed one [-]
 
@@ -352,7 +354,33 @@ class ModalModel:
         TurbineError
             If that θ is not admissible.
         """
-        model = self._model.on_springs(theta_reference)
+        return self._continued(self._model.on_springs(theta_reference))
+
+    def with_water_risen(self, rise: float) -> "ModalModel":
+        """Return the same modes and sensors with the water above the description's level.
+
+        Parameters
+        ----------
+        rise : float
+            Of the water [m]; on land nothing changes.
+
+        Returns
+        -------
+        ModalModel
+            Of the description with that level, modes followed by overlap in steps of FOLLOWED_RISE.
+        """
+        water, model = self.description.water, self
+        if water is None:
+            return self
+        for level in water.level + np.linspace(0, rise, ceil(abs(rise) / FOLLOWED_RISE) + 1)[1:]:
+            description = self.description.with_water_level(float(level))
+            there = assemble(description).on_springs(self.theta_reference)
+            model = model._continued(there)
+            model.description = description
+        return model
+
+    def _continued(self, model: StructuralModel) -> "ModalModel":
+        """The modes that continue these, by overlap, in the same structure a little changed."""
         modes = solved_modes(
             model,
             self._observation,

@@ -300,6 +300,11 @@ class ModalEvidence:
         ]
         return replace(self, modes=tuple(modes))
 
+    def with_levels_above(self, rise: float) -> "ModalEvidence":
+        """The evidence beside a model whose water stands higher by so much [m]."""
+        modes = tuple(mode.with_levels_above(rise) for mode in self.modes)
+        return replace(self, modes=modes)
+
     def continuing(self, earlier: "ModalEvidence") -> "ModalEvidence":
         """The same modes under the tracks that `earlier`, of the same last window, knows them by;
         those of its modes that are not among them are its former ones."""

@@ -31,6 +31,11 @@ class PartnerInWater:
         """∂ ln f / ∂ level and ½ ∂² ln f / ∂ level², (2,) [1/m, 1/m²]"""
         return _parabola(self.log_frequencies)
 
+    def curve_about(self, rise: float) -> FloatArray:
+        """`curve` of the same parabola about a level above this one, (2,) [1/m, 1/m²]"""
+        slope, curvature = self.curve
+        return np.array([slope + 2 * curvature * rise, curvature])
+
     def parabola(self, frequency: float, unit_component: int) -> tuple[FloatArray, FloatArray]:
         """v₁ and v₂, (1 + n_channels,) each, of f [Hz] and of φ [-] normalised to that channel."""
         units = self.shapes[:, [unit_component]]
@@ -161,6 +166,15 @@ class ModeEvidence:
         slope, curvature = partner.parabola(self.frequency, self.unit_component)
         moved = self.level_information[0] @ slope + self.level_information[1] @ curvature
         return replace(self, information_mean=self.information_mean - moved)
+
+    def with_levels_above(self, rise: float) -> "ModeEvidence":
+        """The evidence with levels that count from one above the model's by so much [m]."""
+        first, second = self.level_information
+        moved = [
+            first - rise * self.information,
+            second - 2 * rise * first + rise**2 * self.information,
+        ]
+        return replace(self, level_information=np.array(moved))
 
     def with_channels(self, order: Sequence[int], signs: Sequence[float]) -> "ModeEvidence":
         """The same with every channel's values those of another, times a sign."""

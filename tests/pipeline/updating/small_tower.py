@@ -78,6 +78,9 @@ class SmallTower:
     def scoured(self, theta: FloatArray, depths: FloatArray) -> FloatArray:
         return theta * np.exp(-np.outer(depths, [0.12, 0.02, 0.06]))  # as the real pile, roughly
 
+    def with_water_risen(self, rise: float) -> "SmallTower":
+        return self  # on land
+
     def in_water(self, rises: Sequence[float]) -> SmallModes:
         return self.modal(np.tile(NOMINAL, (len(rises), 1)))  # on land
 
@@ -230,6 +233,7 @@ class LinearTower:
     chosen: tuple[int, ...] = ()
     water_level: float = 0.0  # [m]
     water: tuple[float, float] = (0.0, 0.0)  # slope and curvature of every ln f [1/m, 1/m²]
+    risen: float = 0.0  # water above the description's [m]
 
     @property
     def nominal(self) -> FloatArray:
@@ -246,18 +250,23 @@ class LinearTower:
     def following(self, theta_reference: FloatArray) -> "LinearTower":
         return self
 
+    def with_water_risen(self, rise: float) -> "LinearTower":
+        return replace(self, water_level=self.water_level + rise, risen=self.risen + rise)
+
     def in_water(self, rises: Sequence[float]) -> SmallModes:
+        dry = replace(self, risen=0.0).modal(np.tile(NOMINAL, (len(rises), 1)))
+        levels = self.risen + np.array(rises)[:, None]
+        return replace(dry, frequencies=dry.frequencies * self._in_level(levels))
+
+    def _in_level(self, levels: FloatArray) -> FloatArray:
         slope, curvature = self.water
-        still = self.modal(np.tile(NOMINAL, (len(rises), 1)))
-        levels = np.array(rises)[:, None]
-        return replace(
-            still, frequencies=still.frequencies * np.exp(slope * levels + curvature * levels**2)
-        )
+        return np.exp(slope * levels + curvature * levels**2)
 
     def modal(self, theta: FloatArray) -> SmallModes:
         change = theta / NOMINAL - 1
         sensitivity, shapes, turning = linear_structure(self.n_modes, len(self.layout.channels))
         frequencies = 1.7 ** np.arange(1, self.n_modes + 1) * (1 + change @ sensitivity)
+        frequencies *= self._in_level(np.array(self.risen))
         moved = shapes + np.tensordot(change, turning, axes=1)
         index = list(self.chosen or range(self.n_modes))
         return SmallModes(frequencies[:, index], moved[:, index], np.ones(len(theta), dtype=bool))

@@ -7,10 +7,13 @@ import pytest
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused
+from pipeline.updating.exact_inference import ExactInference
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
 from pipeline.updating.likelihood.pairing import PairingSettings
-from pipeline.updating.model_matching import FAR_RISE, Matcher, partners_in_water
+from pipeline.updating.model_matching import Matcher, rise_of_comparison
 from pipeline.updating.prior import Prior, UpdatingError
+from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.state import UpdatingState
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
 
 TOWER = LinearTower()
@@ -41,15 +44,8 @@ class SteepTower(LinearTower):
 class BentTower(LinearTower):
     """Its modes follow the water on a cubic."""
 
-    def in_water(self, rises):
-        levels = np.array(rises)[:, None]
-        modes = self.modal(np.tile(self.nominal, (len(rises), 1)))
-        bent = np.exp(-0.009 * levels - 0.001 * levels**2 + 3e-5 * levels**3)
-        return replace(
-            modes,
-            frequencies=modes.frequencies * bent,
-            shapes=modes.shapes * (1 + 0.01 * levels[..., None] ** 3),
-        )
+    def _in_level(self, levels):
+        return np.exp(-0.009 * levels - 0.001 * levels**2 + 2e-4 * levels**3)
 
 
 def matcher(tower=TOWER, **likelihood):
@@ -60,6 +56,11 @@ def matcher(tower=TOWER, **likelihood):
         likelihood=LikelihoodSettings(**likelihood),
         generator=np.random.default_rng(1),
     )
+
+
+def exact(tower):
+    settings = UpdatingSettings(pairing=PairingSettings(search_draws=60, tried=2, refined=1))
+    return ExactInference(tower, Prior(tower.nominal), settings, seed=1, population=None)
 
 
 def evidence_of(n_windows):
@@ -152,26 +153,40 @@ def test_water_is_taken_out_no_more_often_than_the_stiffness_moves():
     assert 1 <= len(rounds) <= 2
 
 
-@pytest.mark.parametrize("mean", [3.0, -2.0, 0.6])
-def test_modes_follow_the_water_exactly_where_the_windows_water_stood(mean):
-    """A parabola through a metre to either side of the model's level is off there by what the
-    cubic makes of it."""
-    true = -0.009 * mean - 0.001 * mean**2 + 3e-5 * mean**3
-    for mode, partner in enumerate(partners_in_water(BentTower(), mean)):
-        slope, curvature = partner.curve
-        assert slope * mean + curvature * mean**2 == pytest.approx(true, abs=1e-12)
-        scale = 1 + 0.01 * mean**3
-        still = partner.shapes[1]
-        v1, v2 = (partner.shapes[2] - partner.shapes[0]) / 2, partner.shapes.sum(axis=0) / 2
-        v2 = v2 - 1.5 * still
-        np.testing.assert_allclose(still + v1 * mean + v2 * mean**2, scale * still, atol=1e-12)
-        assert partner.log_frequencies[1] == pytest.approx(
-            np.log(TOWER.modal(TOWER.nominal[None]).frequencies[0, mode])
+@pytest.mark.parametrize("mean", [3.0, -2.2])
+def test_windows_in_far_water_are_compared_with_modes_in_it(mean):
+    """A parabola about the description's level is off there by what the cubic makes of it."""
+    tower = BentTower()
+    evidence = ModalEvidence(channels=LAYOUT.channel_names)
+    for window, level in enumerate(mean + np.array([-0.2, 0.0, 0.2])):
+        estimate = drawn_estimate(
+            TRUTH,
+            np.random.default_rng(window),
+            window=window,
+            tower=tower.with_water_risen(level),
+            frequency_std=1e-5,
+            shape_std=1e-3,
         )
+        evidence = evidence.with_estimate(estimate, rise=level)
+    match = exact(tower).matched(UpdatingState(evidence))
+    assert match.all_modes.water_level == pytest.approx(mean, abs=0.25)
+    assert match.peak.ratios == pytest.approx(TRUTH, abs=5e-4)
 
 
-def test_near_water_leaves_modes_on_the_parabola_about_the_models_level():
-    near, still = (partners_in_water(BentTower(), mean) for mean in (FAR_RISE, 0.0))
-    for one, other in zip(near, still, strict=True):
-        np.testing.assert_array_equal(one.log_frequencies, other.log_frequencies)
-        assert one.curve[0] == pytest.approx(-0.009 + 3e-5, abs=1e-12)
+@pytest.mark.parametrize(("level", "rise"), [(0.45, 0.0), (-0.5, 0.0), (0.8, 1.0), (-2.7, -2.5)])
+def test_near_water_is_compared_at_the_models_level_and_far_water_in_half_metres(level, rise):
+    evidence = ModalEvidence(channels=LAYOUT.channel_names)
+    estimate = drawn_estimate(TRUTH, np.random.default_rng(1), tower=TOWER)
+    assert rise_of_comparison(evidence.with_estimate(estimate, rise=level)) == rise
+
+
+def test_sensitivities_to_the_water_are_those_at_the_models_level():
+    tower = LinearTower(water=(-0.009, -0.001))
+    estimate = drawn_estimate(TRUTH, np.random.default_rng(1), tower=tower.with_water_risen(3.0))
+    inference = exact(tower)
+    evidence = ModalEvidence(channels=LAYOUT.channel_names).with_estimate(estimate, rise=3.0)
+    match = inference.matched(UpdatingState(evidence))
+    found = inference._sensitivities(evidence, match, match.peak.ratios)
+    assert len(found) == 6
+    for each in found:
+        np.testing.assert_allclose(each.water, [-0.009, -0.001], atol=1e-12)

@@ -55,3 +55,23 @@ def test_a_turbine_on_land_does_not_know_the_water():
     dry = ModalModel(replace(TURBINE, water=None), LAYOUT)
     low, high = dry.in_water([-1.0, 1.0]).frequencies
     assert np.array_equal(low, high)
+
+
+@pytest.mark.parametrize("rise", [3.0, -2.2])
+def test_a_model_in_risen_water_is_the_one_that_is_built_there(model, rise):
+    """The same modes under the same names, for other springs than those it was followed from."""
+    found = model.with_water_risen(rise)
+    built = ModalModel(TURBINE.with_water_level(rise), LAYOUT)
+    assert found.water_level == pytest.approx(rise)
+    assert found.labels == model.labels
+    theta = model.nominal * [[1.0, 1.0, 1.0], [1.3, 0.9, 1.05], [0.7, 0.8, 0.75]]
+    one, other = found.modal(theta), built.modal(theta)
+    watched = [model.labels.index(label) for label in WATCHED]
+    assert one.frequencies[:, watched] == pytest.approx(
+        other.frequencies[:, [built.labels.index(label) for label in WATCHED]], rel=1e-5
+    )
+
+
+def test_a_model_on_land_stays_as_the_water_rises():
+    dry = ModalModel(replace(TURBINE, water=None), LAYOUT)
+    assert dry.with_water_risen(1.0) is dry

@@ -78,6 +78,25 @@ def test_without_a_channel_a_mode_is_as_if_that_channel_had_not_measured() -> No
         np.testing.assert_allclose(mode.covariance, other.covariance)
 
 
+def test_levels_above_a_higher_water_are_those_of_windows_that_were_measured_from_there() -> None:
+    values, stds, rises = [0.3, 1.0, 0.6, -0.4], [1e-3, 0.0, 0.02, 0.03], (3.4, 2.7, 3.0)
+    moved = seen_mode(values, stds, rises).with_levels_above(3.0)
+    expected = seen_mode(values, stds, (0.4, -0.3, 0.0))
+    np.testing.assert_allclose(moved.level_information, expected.level_information, atol=1e-6)
+    np.testing.assert_array_equal(moved.information_mean, expected.information_mean)
+
+
+def test_a_curve_about_another_level_is_of_the_same_parabola() -> None:
+    water = PartnerInWater(np.array([-0.2, 0.1, 0.3]), np.ones((3, 2)))
+    slope, curvature = water.curve
+    there, bend = water.curve_about(-3.0)
+    height = slope * -3 + curvature * 9
+    for level in (-1.0, 0.5, 4.0):
+        assert height + there * (level + 3) + bend * (level + 3) ** 2 == pytest.approx(
+            slope * level + curvature * level**2
+        )
+
+
 def test_a_shape_without_its_unit_component_scatters_as_drawn_ones_do() -> None:
     """By a Monte Carlo: draws of the shape, normalised to the channel that is best known then."""
     values, stds = [0.3, 1.0, 0.9, -0.4, 0.2], [1e-3, 0.0, 0.01, 0.02, 0.01]
