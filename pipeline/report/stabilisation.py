@@ -9,6 +9,7 @@ from scipy import signal
 
 from pipeline.oma.identification import Identification
 from pipeline.report.canvas import new_figure
+from pipeline.state.phrases import count_noun
 from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
@@ -50,7 +51,7 @@ def draw_stabilisation(
     _draw_spectrum(spectrum_axes, samples, sampling_rate)
     _draw_modes((poles_axes, spectrum_axes), identification)
     _draw_refused(poles_axes, identification)
-    found = f"{len(identification.modes)} modes; bars are one standard deviation"
+    found = f"{count_noun(len(identification.modes), 'mode')}; bars are one standard deviation"
     figure.suptitle(f"{title}: {found}" if title else found)
     if identification.modes:
         lowest = 0.6 * identification.modes[0].frequency

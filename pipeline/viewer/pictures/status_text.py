@@ -243,9 +243,11 @@ def posterior_text(posterior: FoundationPosterior) -> str:
 
 
 def frequencies_text(frequencies: Sequence[float]) -> str:
-    """'12 modes, 0.158 to 11.9 Hz', or 'no modes'."""
+    """'12 modes, 0.158 to 11.9 Hz', '1 mode, 0.158 Hz' or 'no modes'."""
     if not frequencies:
         return "no modes"
+    if len(frequencies) == 1:
+        return f"1 mode, {frequencies[0]:.3f} Hz"
     return f"{len(frequencies)} modes, {min(frequencies):.3f} to {max(frequencies):.2f} Hz"
 
 

@@ -8,7 +8,7 @@ others are channels.
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 from pathlib import Path
 from typing import Any, Literal
 
@@ -242,7 +242,8 @@ def convert_batches(
     units, factors = zip(*(in_standard_unit(each.unit) for each in chosen), strict=True)
     names = tuple(each.name for each in chosen)
     seconds = _seconds_of(columns, place, path)
-    for batch in batches:
+    for raw in batches:
+        batch = _without_empty_rows(raw) if columns.clock else raw
         if not batch.num_rows:
             continue
         numbers = [
@@ -259,6 +260,14 @@ def convert_batches(
         for sentence in columns.left_out:
             log_once(sentence)
         yield timed
+
+
+def _without_empty_rows(batch: pa.RecordBatch) -> pa.RecordBatch:
+    """The rows with a value in any column: spreadsheets write others of separators alone."""
+    if not all(column.null_count for column in batch.columns):
+        return batch
+    filled = reduce(pc.or_, (column.is_valid() for column in batch.columns))
+    return batch.filter(filled)
 
 
 def _seconds_of(

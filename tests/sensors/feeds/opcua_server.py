@@ -28,6 +28,14 @@ class OneUser(UserManager):
         return User(role=UserRole.User) if known else None
 
 
+async def _others_cancelled() -> None:
+    """End the tasks that asyncua's server leaves behind."""
+    others = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in others:
+        task.cancel()
+    await asyncio.gather(*others, return_exceptions=True)
+
+
 class OpcUaServer:
     """A server that is up; its links can be cut.
 
@@ -85,6 +93,7 @@ class OpcUaServer:
     def close(self) -> None:
         """End."""
         self._done(self._server.stop())
+        self._done(_others_cancelled())
         self._loop.call_soon_threadsafe(self._loop.stop)
 
     def _done(self, work: Coroutine[Any, Any, None]) -> None:

@@ -110,6 +110,7 @@ def test_one_line_for_a_posterior_has_medians_and_half_widths():
 def test_nouns_are_in_the_plural_after_numbers_other_than_one():
     assert [count_noun(n, "gap") for n in (0, 1, 2)] == ["0 gaps", "1 gap", "2 gaps"]
     assert frequencies_text([]) == "no modes"
+    assert frequencies_text([0.158]) == "1 mode, 0.158 Hz"
     assert frequencies_text([0.158, 1.1]) == "2 modes, 0.158 to 1.10 Hz"
 
 

@@ -60,6 +60,19 @@ def test_two_columns_of_one_name_stay_two_channels(tmp_path: Path) -> None:
     assert read_file(written(tmp_path, "a,a\n1,2\n3,4\n")).names == ("a", "a.2")
 
 
+def test_rows_of_separators_alone_are_no_samples(tmp_path: Path) -> None:
+    """Spreadsheets write them behind the last row, and where a row was emptied."""
+    table = read_file(written(tmp_path, "t;a;b\n0;1;2\n;;\n1;;3\n2;3;4\n;;\n;;\n"))
+    np.testing.assert_array_equal(table.samples, [[1, 2], [np.nan, 3], [3, 4]])
+    assert table.times is not None
+    np.testing.assert_allclose(table.times, [0, 1, 2])
+
+
+def test_a_row_with_a_sample_and_no_time_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="'t' has no value in sample 2"):
+        read_file(written(tmp_path, "t;a;b\n0;1;2\n;1;\n1;2;3\n"))
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
