@@ -27,7 +27,7 @@ class Turbines:
         layouts: Mapping[str, SensorLayout],
         checkpoints: Path | None,
         *,
-        epoch: int,
+        epoch: int = 0,
         earlier: Sequence[Path] = (),
     ) -> None:
         """Remember what every turbine's updater is made of.
@@ -42,7 +42,7 @@ class Turbines:
             Turbine → its own, where it is not as the scenario's farm has it.
         checkpoints : Path or None
             Folder of the updating's snapshots; None: nothing is kept.
-        epoch : int
+        epoch : int, optional
             Number of the run that writes them.
         earlier : sequence of Path, optional
             Recordings with estimates that may not have been answered.

@@ -63,5 +63,5 @@ def test_the_figure_names_modes_and_why_others_were_refused(tmp_path: Path) -> N
     mode = SimpleNamespace(frequency=1.234)
     draw_stabilisation(Identification((mode,), refused=refused), noise, RATE, path, title="Tower")  # type: ignore[arg-type]
     drawn = path.read_text("utf-8")
-    for text in ("1.234 Hz", "too-damped", "rotor", "Tower: 1 modes; bars are"):
+    for text in ("1.234 Hz", "too-damped", "rotor", "Tower: 1 mode; bars are"):
         assert f"<!-- {text}" in drawn

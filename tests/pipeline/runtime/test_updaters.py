@@ -25,7 +25,7 @@ def test_earlier_recordings_are_read_where_snapshots_are_kept(
     )
     scenario, earlier = load_scenario("parked"), (tmp_path / "a.mcap",)
     folder = tmp_path / "kept" if kept else None
-    Turbines(scenario, scenario.layout, {}, folder, epoch=0, earlier=earlier).updating()
+    Turbines(scenario, scenario.layout, {}, folder, earlier=earlier).updating()
     assert made == [earlier if kept else ()]
 
 
@@ -37,5 +37,5 @@ def test_the_first_turbines_updating_is_made_before_a_window_comes(
         updaters, "UpdatingNode", lambda *_, **__: SimpleNamespace(begin=begun.append)
     )
     scenario = load_scenario("parked")
-    Turbines(scenario, scenario.layout, {}, None, epoch=0).updating()
+    Turbines(scenario, scenario.layout, {}, None).updating()
     assert begun == [scenario.layout.turbine]
