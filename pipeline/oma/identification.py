@@ -51,6 +51,7 @@ from pipeline.oma.whittle.unseen_modes import (
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
+NO_VIBRATION = "no-vibration"  # code of a window whose matrices are singular
 AT_BOUND = 2.0  # a frequency std of less, over the attainable bound, could hardly be smaller [-]
 WELL_KNOWN_SHAPE = 0.1  # a largest std of a shape's components as only modes have it [-]
 WELL_KNOWN_SHARE = 0.4  # of the half bandwidth: what f and ζ of a mode are known to; of 80 records
@@ -144,6 +145,24 @@ def identify(
     settings = settings or OmaSettings()
     names = channel_names or default_names(samples.shape[1])
     references_among(names, settings)  # raises
+    try:
+        return _of_samples(
+            samples, sampling_rate, settings, times, names, quantities, rotor_speed, cross_checked
+        )
+    except (np.linalg.LinAlgError, ArithmeticError) as error:
+        return Identification((), (), _no_vibration(error))
+
+
+def _of_samples(
+    samples: NDArray[np.floating],
+    sampling_rate: float,
+    settings: OmaSettings,
+    times: FloatArray | None,
+    names: Sequence[str],
+    quantities: Sequence[Quantity] | None,
+    rotor_speed: FloatArray | None,
+    cross_checked: bool,
+) -> Identification:
     gridded = None if times is None else on_even_grid(samples, times, sampling_rate)
     if gridded is not None:
         if rotor_speed is not None and times is not None:
@@ -176,6 +195,14 @@ def identify(
     found = _without_followers(found, rest.follows)
     found = replace(found, warnings=(*found.warnings, *rest.warnings))
     return _cross_checked(found, steady, sampling_rate) if cross_checked else found
+
+
+def _no_vibration(error: Exception) -> QualityWarning:
+    return QualityWarning(
+        NO_VIBRATION,
+        f"no vibration has such samples ({error}): values beyond any sensor's range, channels that "
+        "are all one pure tone, or a step or a curve a million times as large as the motion",
+    )
 
 
 def _modes_by_band(

@@ -1,5 +1,6 @@
 """Cut ordered blocks into windows; identify each or reject it with a reason."""
 
+import logging
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -38,6 +39,8 @@ from pipeline.oma.work_limit import CpuLimit, WorkLimitExceeded, working_within
 from sensors.acquisition.blocks import AccelerationBlock, BlockStatus, parts_of
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
+
+logger = logging.getLogger(__name__)
 
 ColumnsOfUnits = dict[str, list[int]]  # which channels are a unit's, of several
 Origins = Callable[[Window], tuple[UnitOrigin, ...]]
@@ -176,6 +179,11 @@ class WindowIdentification:
                 result = self._identified(window, names, present if missing else None)
         except WorkLimitExceeded:
             yield self._rejected(window, self._too_much_work())
+            return
+        except Exception as error:  # else it would end every window to come, at each start again
+            logger.exception("window %d of %s", window.index, self._turbine)
+            reason = f"the identification failed: {error!r}; the log has where"
+            yield self._rejected(window, QualityWarning("failed", reason))
             return
         answer = self._answer(window, result, missing, present)
         yield answer

@@ -113,12 +113,19 @@ def modes_of_covariances(
         Limits of plausible poles and of their presence over the orders.
     integrations : ndarray of int, shape (n_channels,), optional
         Of channels that measure different quantities (`quantities.py`).
+
+    Raises
+    ------
+    LinAlgError
+        If the covariances hold no system, as of one pure tone.
     """
     subspace = signal_subspace(
         covariances.mean, block_rows=band.block_rows, highest_order=max(band.orders)
     )
     dt = 1 / band.sampling_rate
     systems = list(system_modes(subspace, orders=band.orders, sampling_interval=dt))
+    if not systems:
+        raise np.linalg.LinAlgError("a signal subspace that holds no system of any order")
     cloud, moved = _sharp_cloud(systems, subspace, covariances, band, settings, integrations)
     found = clusters(cloud, n_orders=len(systems), minimum_presence=settings.confirmed_presence)
     scales = ChannelScales(covariances.scales, integrations, dt)

@@ -3,13 +3,15 @@
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate, WindowRejected
 from pipeline.nodes.identification import IdentificationNode
-from pipeline.oma.identification import identify
+from pipeline.oma import window_identification
+from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings
 from pipeline.oma.windows.block_admission import LimitSettings
 from sensors.acquisition.blocks import AccelerationBlock
@@ -123,6 +125,30 @@ def test_a_turbine_that_costs_too_much_is_rejected_and_the_other_is_as_alone(
     assert [[m.frequency for m in each.modes] for each in honest] == [
         [m.frequency for m in each.modes] for each in answered
     ]
+
+
+def test_a_window_whose_identification_fails_is_rejected_and_the_next_is_identified(
+    samples: FloatArray, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """An error ended the node, and did so again at every start with the same window."""
+    calls: list[int] = []
+
+    def failing_once(*args: Any, **named: Any) -> Identification:
+        calls.append(1)
+        if len(calls) == 1:
+            raise KeyError("a fault")
+        return identify(*args, **named)
+
+    monkeypatch.setattr(window_identification, "identify", failing_once)
+    node = IdentificationNode(SETTINGS)
+    said = [*node.handle(LAYOUT), *(each for block in cut(samples) for each in node.handle(block))]
+    first, *others = [each for each in said if isinstance(each, ModalEstimate | WindowRejected)]
+    assert isinstance(first, WindowRejected)
+    assert first.code == "failed"
+    assert "KeyError('a fault')" in first.reason
+    assert "KeyError" in caplog.text  # with its traceback
+    assert others
+    assert all(isinstance(each, ModalEstimate) for each in others)
 
 
 def test_the_limit_ends_what_takes_real_time(samples: FloatArray) -> None:

@@ -6,6 +6,7 @@ import pytest
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
+from sensors.arrays import FloatArray
 from tests.pipeline.oma.conftest import KnownStructure, structure
 
 
@@ -87,6 +88,34 @@ def test_a_frequency_beyond_the_sampling_rate_is_refused(two_mass_system: KnownS
 def test_one_sample_is_too_short() -> None:
     rejection = identify(np.array([[1.0, 2.0]]), 40.0).rejection
     assert rejection is not None
+
+
+def samples_of(kind: str) -> FloatArray:
+    rng = np.random.default_rng(11)
+    time, noise = np.arange(2400) / 40, rng.standard_normal((2400, 4))
+    bits = np.nan_to_num(np.frombuffer(rng.bytes(40 * 4 * 4), "<f4").astype(float)).reshape(40, 4)
+    if kind == "bits":  # a second of a link without a checksum
+        return np.vstack([noise[:600], bits, noise[640:]])
+    if kind == "step":
+        return noise + 1e8 * (time > 30)[:, None]
+    if kind == "curve":
+        return noise + 1e6 * time[:, None] ** 3
+    if kind == "tone":
+        return np.sin(2 * time)[:, None] * np.ones(4)
+    if kind == "two tones in two":
+        return np.column_stack([np.sin(2 * time), np.sin(2 * time + 1)])
+    return np.vstack([noise[:600], np.full((480, 4), 3.4e38), noise[1080:]])
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize(
+    "kind", ["bits", "step", "curve", "tone", "two tones in two", "largest float"]
+)
+def test_what_is_no_vibration_is_rejected_and_nothing_is_raised(kind: str) -> None:
+    found = identify(samples_of(kind), 40.0)
+    assert found.rejection is not None
+    assert found.rejection.code == "no-vibration"
+    assert "beyond any sensor's range" in found.rejection.text
 
 
 @pytest.mark.parametrize("n_channels", [1, 2, 4])
