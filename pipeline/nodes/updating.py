@@ -1,6 +1,7 @@
 """Updating: each modal estimate refreshes its turbine's posterior, once."""
 
 import json
+import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter
@@ -14,6 +15,7 @@ from pipeline.messages import (
     QualityWarning,
     UnitOrigin,
     WindowRejected,
+    rejected_estimate,
 )
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
@@ -22,6 +24,8 @@ from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
 from sensors.bounded_dict import BoundedDict
+
+logger = logging.getLogger(__name__)
 
 LATEST_ANSWERS = 10  # answers that are given again when their estimates come again
 MOST_BOOTS = 256  # sets of units' boots whose last window is remembered
@@ -134,7 +138,12 @@ class TurbineUpdating:
         usable = usable_estimate(estimate, self._settings, self._layout)
         if isinstance(usable, WindowRejected):
             return (usable,)
-        self._state, answers = self._updater.watched(self._state, usable)
+        try:
+            self._state, answers = self._updater.watched(self._state, usable)
+        except Exception as error:  # else it would end every refresh to come, at each start again
+            logger.exception("window %d of %s", estimate.window, estimate.turbine)
+            reason = f"the updating failed: {error!r}; the log has where"
+            return (rejected_estimate(estimate, "failed", reason),)
         return answers
 
     def _compare(self, live: SensorLayout) -> None:

@@ -56,6 +56,24 @@ def test_a_rejected_estimate_lets_the_last_posterior_stand():
     assert answer.n_windows == 2
 
 
+def test_an_estimate_by_which_the_updating_fails_is_rejected_and_the_next_is_used(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """An error ended the node, and did so again at every start with the same estimate."""
+    node = node_of()
+    before = node.state
+    with monkeypatch.context() as patched:
+        patched.setattr(FoundationUpdater, "watched", lambda *_: {}["a fault"])
+        (answer,) = node.handle(estimate_of(0))
+    assert isinstance(answer, WindowRejected)
+    assert (answer.code, answer.window) == ("failed", 0)
+    assert "KeyError('a fault')" in answer.reason
+    assert "KeyError" in caplog.text
+    assert node.state is before
+    (answer,) = node.handle(estimate_of(1))
+    assert isinstance(answer, FoundationPosterior)
+
+
 def test_the_node_works_when_its_answer_is_never_looked_at():
     node = node_of()
     node.handle(estimate_of(0))
