@@ -91,7 +91,15 @@ class StructureFigures:
             ("rotor radius", f"{length:g} m"),
             ("k11, k22, k12", f"{k11:.4g} N/m, {k22:.4g} N·m/rad, {k12:.4g} N/rad"),
             ("sign of k12", described.foundation.sign),
+            ("moving mass below the mudline", self._moving_mass),
         ]
+
+    @property
+    def _moving_mass(self) -> str:
+        stated, lowest = self.description.foundation.moving_mass, self.description.tubes[0]
+        if stated:
+            return f"{stated / 1e3:,.3g} t/m"
+        return f"none stated; the lowest tube's steel has {lowest.mass_per_length / 1e3:,.3g} t/m"
 
     def as_json(self) -> dict[str, Any]:
         """Return the entries of `describe --json`."""
@@ -107,6 +115,7 @@ class StructureFigures:
             "k11_n_per_m": k11,
             "k22_nm_per_rad": k22,
             "k12_n_per_rad": k12,
+            "moving_mass_kg_per_m": self.description.foundation.moving_mass,
             "modes": [
                 {"frequency_hz": f, "direction": direction, "blade_energy_share": share}
                 for f, direction, share in self.first

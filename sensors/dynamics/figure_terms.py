@@ -90,10 +90,11 @@ class _Parts:
         mass, stiffness = self._tube_terms()
         for more_mass, more_stiffness in (self._nacelle_terms(), self._blade_terms()):
             mass, stiffness = mass + more_mass, stiffness + more_stiffness
-        if "transition_piece" in self._names:
-            heavier = self._matrices(varied(self._tower, {"transition_piece": 1.0}))
-            mass.append(Term(heavier[0] - self._tower_model[0], {"transition_piece": 1}))
-            stiffness.append(Term(heavier[1] - self._tower_model[1], {"transition_piece": 1}))
+        for name in ("transition_piece", "pile_mass"):
+            if name in self._names:
+                heavier = self._matrices(varied(self._tower, {name: 1.0}))
+                mass.append(Term(heavier[0] - self._tower_model[0], {name: 1}))
+                stiffness.append(Term(heavier[1] - self._tower_model[1], {name: 1}))
         mass, stiffness = self._whole(mass), self._whole(stiffness)
         mass.append(Term(self._model[0] - _sum(mass, self._described), {}))
         stiffness.append(Term(self._model[1] - _sum(stiffness, self._described), {}))
@@ -256,6 +257,7 @@ RELATIVE = frozenset(
         "flap_stiffness",
         "edge_stiffness",
         "added_mass",
+        "pile_mass",
     }
 )  # whose v is 1 + departure
 

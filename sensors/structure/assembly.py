@@ -54,6 +54,8 @@ def assemble(
     system = _System(np.zeros((n_dofs, n_dofs)), np.zeros((n_dofs, n_dofs)))
     _add_tubes(system, turbine, tower_dofs)
     _add_point_masses(system, turbine, tower_dofs)
+    for plane in PLANE_COLUMNS.values():
+        system.add(tower_dofs[0, plane], mass=turbine.foundation.mass)
     system.add(
         tower_dofs[-1],
         mass=nacelle_mass(turbine.rotor_nacelle),

@@ -111,6 +111,12 @@ def _transition_piece(turbine: TurbineDescription, departure: float) -> TurbineD
     return replace(turbine, point_masses=(*turbine.point_masses, piece))
 
 
+def _pile_mass(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+    foundation = turbine.foundation
+    heavier = replace(foundation, moving_mass=foundation.moving_mass * (1 + departure))
+    return replace(turbine, foundation=heavier)
+
+
 def _always(_: TurbineDescription) -> bool:
     return True
 
@@ -210,6 +216,11 @@ FIGURES: tuple[Figure, ...] = (
         "100 t in the IEA 15 MW definition, version 1.1; flange, platform, boat landing and grout "
         f"of others up to 400 t: {JUDGEMENT}",
         _transition_piece, _has_transition,
+    ),
+    Figure(
+        "pile_mass", "mass of pile and soil that moves below the mudline", "-", 0.3, "normal",
+        f"what part of the soil moves with the pile: {JUDGEMENT}", _pile_mass,
+        lambda turbine: turbine.foundation.moving_mass > 0,
     ),
 )  # fmt: skip
 BY_NAME: Mapping[str, Figure] = {figure.name: figure for figure in FIGURES}

@@ -23,6 +23,17 @@ from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
 SpringSign = Literal["published", "embedded-pile"]
+MOST_MOVING_MASS = 1e6  # a pile of 20 m, full of soil [kg/m]
+PILE_SHAPES = (
+    (0.5, 1.06066, 0.5, 0.353553),
+    (0.57395, 0.92171, 0.36616, 0.20975),
+    (0.61805, 0.84664, 0.30186, 0.15133),
+    (0.64671, 0.79993, 0.26481, 0.12103),
+    (0.66670, 0.76841, 0.24098, 0.10299),
+)
+"""Of piles on beds of springs that grow with the depth to the power 0, ½, 1, 1½ and 2:
+k12² / (k11 k22), then M11 / mℓ, |M12| / mℓ² and M22 / mℓ³ [-]. The first is the closed form of the
+semi-infinite beam on an even bed, (½, 3√2/4, ½, √2/4); the others are by finite elements."""
 SPRING_SIGNS: tuple[SpringSign, ...] = get_args(SpringSign)
 
 
@@ -47,11 +58,18 @@ class FoundationSprings:
     """"published": +k12 on (v, +dv/dz); "embedded-pile": −k12."""
     embedded_length: float = 0.0
     """Embedded length of the pile below the mudline; 0: unknown [m]."""
+    moving_mass: float = 0.0
+    """Mass of the pile, and of the soil that moves with it, per metre below the mudline [kg/m]."""
 
     def __post_init__(self) -> None:
         if not self.embedded_length >= 0:
             raise TurbineError(
                 f"foundation: embedded_length is {self.embedded_length:g} m; it must be positive"
+            )
+        if not 0 <= self.moving_mass < MOST_MOVING_MASS:
+            raise TurbineError(
+                f"foundation: moving_mass is {self.moving_mass:g} kg/m; a pile and the soil in it "
+                f"have up to {MOST_MOVING_MASS:g} kg/m"
             )
         if self.sign not in SPRING_SIGNS:
             raise TurbineError(
@@ -73,6 +91,23 @@ class FoundationSprings:
     def stiffness(self) -> FloatArray:
         """θ = (k11, k22, k12), (3,) [N/m, N·m/rad, N/rad]."""
         return np.array([self.k11, self.k22, self.k12])
+
+    @property
+    def mass(self) -> FloatArray:
+        """Mass that the mudline moves below it, of (v, ψ) in one plane, (2, 2) [kg, kg·m, kg·m²].
+
+        Notes
+        -----
+        That of a long pile which follows the mudline as at rest, on a bed of springs that grows
+        with a power of the depth. Which one is read off k12² / (k11 k22), with ℓ² = k22 / k11.
+        """
+        length = np.sqrt(self.k22 / self.k11)
+        coupling = self.k12**2 / (self.k11 * self.k22)
+        by_coupling, *columns = np.transpose(PILE_SHAPES)
+        m11, m12, m22 = (float(np.interp(coupling, by_coupling, column)) for column in columns)
+        m12 *= length**2 * (1 if self.sign == "published" else -1)
+        shape = np.array([[m11 * length, m12], [m12, m22 * length**3]])
+        return np.asarray(self.moving_mass * shape)
 
 
 def positive_definite(theta: ArrayLike) -> NDArray[np.bool_]:
