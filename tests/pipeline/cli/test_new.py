@@ -150,3 +150,29 @@ def test_the_levels_of_a_described_structure_are_printed(
     printed = capsys.readouterr().out
     assert "Structure: springs at -30 m, water to 0 m, tower top at 145 m" in printed
     assert "mine.toml" in printed.splitlines()[-2]
+
+
+@pytest.mark.parametrize(
+    ("option", "mean", "is_warned"),
+    [("", "2.50 m", True), ("--water-level-zero -2.4", "0.10 m", False)],
+)
+def test_a_water_level_from_another_zero_is_warned_of(
+    option: str,
+    mean: str,
+    is_warned: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = np.random.default_rng(4).standard_normal((1500, 2))
+    begin = np.datetime64("2025-07-03T14:00:00")
+    stamps = begin + (np.arange(1500) * 200).astype("timedelta64[ms]")
+    lines = [f"{t},{a:.5f},{b:.5f},2.5" for t, (a, b) in zip(stamps, rows, strict=True)]
+    text = "\n".join(["time,LAT097_FA [m/s2],LAT050_SS [m/s2],Tide [m]", *lines])
+    Path("t1.csv").write_text(text)
+    assert call(f"new t1.csv -o mine {option}", monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert f"above the description's still water (0 m): mean {mean}, {mean} to {mean}" in printed
+    assert ("warning: tides average out" in printed) is is_warned
+    assert ("--water-level-zero METRES" in printed) is is_warned
