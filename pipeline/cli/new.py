@@ -86,6 +86,8 @@ def new(
     as_json: JsonOption = False,
 ) -> None:
     """Start from your own files: state or guess the layout, write scenario and recording."""
+    from sensors.files.channel_names import parallel_channels
+
     folder = out or Path(files[0].stem)
     options: dict[str, Any] = {
         "name": name,
@@ -126,6 +128,15 @@ def new(
     output.print(f"{number} at {project.sampling_rate:g} Hz, {_span(project, zone)}:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
+    if alike := parallel_channels([] if layout else project.channels):
+        also = f" (so do those of {count_noun(len(alike) - 1, 'other height')})" * (len(alike) > 1)
+        names = escape_markup(" and ".join(alike[0]))
+        output.print(
+            f"{names} point along one axis{also}: where they do not, state the axes in "
+            f"{escape_markup(str(folder / 'layout.toml'))}",
+            soft_wrap=True,
+            highlight=False,
+        )
     if project.left_out:
         output.print(
             f"Not among the motions: {escape_markup(_by_reason(project.left_out))}", soft_wrap=True
@@ -233,7 +244,7 @@ def _placed(channel: "GuessedChannel") -> "GuessedChannel":
     from sensors.files.channel_names import UP, placed
 
     axes = {FORE_AFT: "fa", SIDE_SIDE: "ss", UP: "up"}
-    guess = f"{channel.elevation:g} {axes[channel.direction]}"
+    guess = f"{channel.elevation:g} {axes.get(channel.direction, 'as guessed')}"
     return typer.prompt(
         f"{channel.name}: {channel.reason}. Height [m] and axis (fa, ss, up)",
         default=guess,

@@ -176,3 +176,28 @@ def test_a_water_level_from_another_zero_is_warned_of(
     assert f"above the description's still water (0 m): mean {mean}, {mean} to {mean}" in printed
     assert ("warning: tides average out" in printed) is is_warned
     assert ("--water-level-zero METRES" in printed) is is_warned
+
+
+@pytest.mark.parametrize(
+    ("axes", "asked"),
+    [
+        (("X", "Y", "X", "Y"), ""),
+        (("X", "X", "Y", "X"), "24m_X_0 and 24m_X_1 point along one axis: where they do not"),
+        (("X", "X", "X", "X"), "one axis (so do those of 1 other height): where they do not"),
+    ],
+)
+def test_channels_of_one_height_along_one_axis_are_asked_about(
+    axes: tuple[str, ...],
+    asked: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = [f"{24 if i < 2 else 85}m_{axis}_{i}" for i, axis in enumerate(axes)]
+    samples = np.random.default_rng(5).standard_normal((400, 4))
+    np.savetxt("t1.csv", samples, delimiter=",", header=",".join(names), comments="")
+    assert call("new t1.csv -o mine --sampling-rate 20", monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert asked in printed
+    assert ("along one axis" in printed) is bool(asked)
