@@ -188,10 +188,10 @@ def _water_lines(water: "ReportedWater") -> Iterable[str]:
     )
     if water.zero_doubted:
         yield (
-            f"warning: tides average out, but the reported water level is {mean} in the mean. If "
-            "its gauge counts from another zero, such as LAT, the springs come out wrong: make the "
-            "folder again with --water-level-zero METRES, the elevation of that zero above mean "
-            "water level (of LAT negative)"
+            f"warning: tides average out over half a day, but the reported level is {mean} in the "
+            "mean. If its gauge counts from another zero, such as LAT, the springs come out wrong: "
+            "make the folder again with --water-level-zero METRES, the elevation of that zero "
+            "above mean water level (of LAT negative)"
         )
 
 

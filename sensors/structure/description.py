@@ -35,7 +35,7 @@ Direction = Literal["FA", "SS"]
 
 SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
 LONGEST_ELEMENT = 1 / 12  # of the tower: the first ten frequencies of a mast are then exact to .2 %
-WIDEST = 50.0  # tube that a tower or its foundation may have [m]
+WIDEST_TUBE = 50.0  # tube that a tower or its foundation may have [m]
 SLENDERNESS = 20.0  # height over diameter of the mast drawn [-]
 
 
@@ -246,10 +246,10 @@ def _require_tubes_in_base_units(tubes: Any, source: str) -> None:
         where = f"{source} [tubes[{number}]]"
         _require_base_units(tube, where)
         width = tube.get("diameter")
-        if isinstance(width, int | float) and WIDEST < width < math.inf:
+        if isinstance(width, int | float) and WIDEST_TUBE < width < math.inf:
             raise TurbineError(
-                f"{where}: diameter is {width:g} m; no tower is wider than {WIDEST:g} m (of 9 m it "
-                "is 9.0)"
+                f"{where}: diameter is {width:g} m; no tower is wider than {WIDEST_TUBE:g} m "
+                "(one of 9 m has 9.0)"
             )
 
 

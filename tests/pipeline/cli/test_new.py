@@ -60,6 +60,17 @@ def test_a_terminal_is_asked_for_the_rate_and_for_heights_and_axes(
     assert layout.directions.tolist() == [[0, -1, 0], [1, 0, 0]]
 
 
+def test_a_compass_direction_is_asked_about_and_kept_by_an_empty_answer(
+    nameless: Path, on_a_terminal: Answered
+) -> None:
+    text = Path("two.csv").read_text("utf-8").replace("ch1,ch2", "24m N,24m W")
+    Path("two.csv").write_text(text)
+    asked = on_a_terminal("new two.csv -o mine --sampling-rate 20", "\n24 -ss\n")
+    assert "270° from north by 'W', x taken as north" in asked
+    (layout,) = recording_info(nameless / "mine/recordings/two.mcap").layouts
+    assert layout.directions.tolist() == [[1, 0, 0], [0, -1, 0]]
+
+
 @pytest.mark.parametrize("option", ["", "--yes"])
 def test_without_a_terminal_nothing_is_asked_and_guesses_are_stated(
     nameless: Path,
