@@ -23,7 +23,7 @@ from pipeline.state.phrases import count_noun
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
-    from pipeline.offline.new_project import NewProject
+    from pipeline.offline.new_project import NewProject, ReportedWater
     from sensors.files.channel_names import GuessedChannel, UnusedChannel
     from sensors.structure.foundation import FoundationSprings
 
@@ -73,12 +73,21 @@ def new(
         list[Path] | None,
         typer.Option(help="A file of wind, rotor, power or water level over time; repeatable."),
     ] = None,
+    water_level_zero: Annotated[
+        float,
+        typer.Option(
+            help="Elevation that reported water levels count from, such as that of LAT above mean "
+            "water level [m]; negative below it."
+        ),
+    ] = 0.0,
     yes: Annotated[
         bool, typer.Option("--yes", help="Ask nothing; what the files do not state is guessed.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Start from your own files: state or guess the layout, write scenario and recording."""
+    from sensors.files.channel_names import parallel_channels
+
     folder = out or Path(files[0].stem)
     options: dict[str, Any] = {
         "name": name,
@@ -91,6 +100,7 @@ def new(
         "dates": dates,
         "zone": zone,
         "scada": scada or (),
+        "water_level_zero": water_level_zero,
     }
     if folders := [file for file in files if file.is_dir()]:
         raise InputError(f"{folders[0]} is a folder; name the files in it")
@@ -110,6 +120,7 @@ def new(
                 "channels": channels,
                 "left_out": [asdict(each) for each in project.left_out],
                 "conditions": list(project.conditions),
+                "water_level": None if project.water is None else _water_json(project.water),
             }
         )
         return
@@ -117,6 +128,15 @@ def new(
     output.print(f"{number} at {project.sampling_rate:g} Hz, {_span(project, zone)}:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
+    if alike := parallel_channels([] if layout else project.channels):
+        also = f" (so do those of {count_noun(len(alike) - 1, 'other height')})" * (len(alike) > 1)
+        names = escape_markup(" and ".join(alike[0]))
+        output.print(
+            f"{names} point along one axis{also}: where they do not, state the axes in "
+            f"{escape_markup(str(folder / 'layout.toml'))}",
+            soft_wrap=True,
+            highlight=False,
+        )
     if project.left_out:
         output.print(
             f"Not among the motions: {escape_markup(_by_reason(project.left_out))}", soft_wrap=True
@@ -124,6 +144,9 @@ def new(
     if project.conditions:
         listed = escape_markup(", ".join(project.conditions))
         output.print(f"Recorded beside the motions as SCADA: {listed}", soft_wrap=True)
+    if project.water is not None:
+        for line in _water_lines(project.water):
+            output.print(line, soft_wrap=True, highlight=False)
     if not project.complete:
         layout, scenario = folder / "layout.toml", folder / "scenario.toml"
         rate = "" if sampling_rate is None else f"--sampling-rate {sampling_rate:g} "
@@ -147,6 +170,29 @@ def new(
     place = escape_markup(shlex.quote(str(folder)))
     output.print(f"Written: {', '.join(map(str, written))}", soft_wrap=True)
     output.print(f"Next:  cd {place} && pilewatch run && pilewatch report out", soft_wrap=True)
+
+
+def _water_json(water: "ReportedWater") -> dict[str, Any]:
+    levels = {f"{name}_m": level for name, level in asdict(water).items()}
+    return levels | {"zero_doubted": water.zero_doubted}
+
+
+def _water_lines(water: "ReportedWater") -> Iterable[str]:
+    """Return where the reported level lies, and that its zero may be another one."""
+    mean, lowest, highest = (
+        f"{level - water.still:.2f} m" for level in (water.mean, water.lowest, water.highest)
+    )
+    yield (
+        f"Reported water level above the description's still water ({water.still:g} m): mean "
+        f"{mean}, {lowest} to {highest}"
+    )
+    if water.zero_doubted:
+        yield (
+            f"warning: tides average out over half a day, but the reported level is {mean} in the "
+            "mean. If its gauge counts from another zero, such as LAT, the springs come out wrong: "
+            "make the folder again with --water-level-zero METRES, the elevation of that zero "
+            "above mean water level (of LAT negative)"
+        )
 
 
 def _by_reason(channels: "Iterable[UnusedChannel]") -> str:
@@ -198,7 +244,7 @@ def _placed(channel: "GuessedChannel") -> "GuessedChannel":
     from sensors.files.channel_names import UP, placed
 
     axes = {FORE_AFT: "fa", SIDE_SIDE: "ss", UP: "up"}
-    guess = f"{channel.elevation:g} {axes[channel.direction]}"
+    guess = f"{channel.elevation:g} {axes.get(channel.direction, 'as guessed')}"
     return typer.prompt(
         f"{channel.name}: {channel.reason}. Height [m] and axis (fa, ss, up)",
         default=guess,

@@ -103,7 +103,12 @@ def info(
     as_json: JsonOption = False,
 ) -> None:
     """List what a recording holds: channels, duration, gaps, scenario, truth."""
-    from pipeline.cli.tables.recordings import info_json, metadata_lines, recording_tables
+    from pipeline.cli.tables.recordings import (
+        info_json,
+        metadata_lines,
+        recording_tables,
+        span_line,
+    )
     from pipeline.recording.info import recording_info
     from pipeline.sources.session_files import one_recording
 
@@ -115,6 +120,8 @@ def info(
         return
     for table in recording_tables(found):
         output.print(table)
+    if span := span_line(found):
+        output.print(span, soft_wrap=True, highlight=False)
     for line in metadata_lines(found):
         output.print(escape_markup(line), soft_wrap=True)
 

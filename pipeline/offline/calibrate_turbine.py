@@ -20,6 +20,7 @@ from pipeline.recording.reader import read_messages
 from pipeline.scenario import Scenario
 from pipeline.sources.recorded_stream import recordings_in
 from pipeline.sources.sources import Source, replayed_with_structure
+from pipeline.state.phrases import count_noun
 from pipeline.updating.acceptance import AcceptanceSettings
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.evidence.observations import EstimateRefused, SeenWindow, mode_observations
@@ -187,7 +188,7 @@ def _calibrated(
         alternatives,
         prior_stds(inference.prior, fit.sensors),
         springs_sign=source.scenario.structure.foundation.sign,
-        source=f"{names}: {len(windows)} windows, water levels: {len(levels)}",
+        source=f"{names}: {_groups(len(windows), [each for _, each in levels])}",
     )
     return TurbineCalibration(
         calibration=calibration,
@@ -198,6 +199,13 @@ def _calibrated(
         level_known=any(window.level_known for window in windows),
         text=with_section(description_text(source.scenario), calibration),
     )
+
+
+def _groups(n_windows: int, groups: Sequence[ModalEvidence]) -> str:
+    """Return how many of the windows stand in groups by water level; too small ones are none."""
+    grouped = sum(each.n_windows for each in groups)
+    together = f"{grouped} of them in {count_noun(len(groups), 'group')} by water level"
+    return f"{count_noun(n_windows, 'window')}, {together}"
 
 
 def _as_described(

@@ -5,6 +5,7 @@ files ──► motions, with a guess of each one's place ──► layout.toml
 """
 
 import logging
+import math
 import re
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -22,7 +23,7 @@ from pipeline.offline.project_layout import (
 )
 from pipeline.offline.project_texts import scenario_text, structure_text
 from pipeline.oma.data_quality.input_checks import silent_channels
-from pipeline.scenario import NO_STRUCTURE, scenario_from_text
+from pipeline.scenario import NO_STRUCTURE, Scenario, scenario_from_text
 from pipeline.sources.import_files import Measurement, open_measurement, record_measurement
 from pipeline.sources.sources import LAYOUT_FILE, SCENARIO_FILE
 from sensors.acquisition.blocks import NANOSECONDS
@@ -52,6 +53,26 @@ LOWEST_RATE = 0.2  # of samples that can show a tower's or a floater's motion [H
 SLOWER = 0.9  # of the values of others: a channel below has a lower sampling rate [-]
 END = 600.0  # of a record, at both of which channels of noise alone are looked for [s]
 LONGEST_SCADA_STEP = 3600 * NANOSECONDS  # of a controller's means [ns]
+OTHER_ZERO = 1.0  # from still water: a tide's mean is nearer, a chart datum mostly not [m]
+
+
+@dataclass(frozen=True, slots=True)
+class ReportedWater:
+    """The water level that the files report."""
+
+    mean: float
+    """Above mean water level [m]."""
+    lowest: float
+    """Lowest level [m]."""
+    highest: float
+    """Highest level [m]."""
+    still: float
+    """Level of the description's still water [m]; 0 without a structure or water."""
+
+    @property
+    def zero_doubted(self) -> bool:
+        """Whether its gauge may count from another zero than the description."""
+        return abs(self.mean - self.still) > OTHER_ZERO
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +92,8 @@ class NewProject:
     """Description that the scenario names; "none" for modes alone."""
     span_ns: tuple[int, int]
     """Of the record, its first sample and one past its last [ns since 1970-01-01 UTC]."""
+    water: ReportedWater | None = None
+    """None where no level is reported."""
 
     @property
     def complete(self) -> bool:
@@ -92,6 +115,7 @@ def start_project(
     dates: DateOrder | None = None,
     zone: str = "",
     scada: Sequence[Path] = (),
+    water_level_zero: float = 0.0,
     place: Placing | None = None,
 ) -> NewProject:
     """Write layout, scenario and recording of a measurement into a folder.
@@ -124,16 +148,23 @@ def start_project(
         Time zone of dates that state none, such as "Europe/Berlin"; UTC by default.
     scada : sequence of Path
         The controller's files: wind, rotor, power, water level over time.
+    water_level_zero : float
+        Elevation that reported water levels count from, such as that of LAT [m]; it is added to
+        them.
     place : callable, optional
         Guess of a channel whose name lacks height or axis → where it was; None: as guessed.
 
     Raises
     ------
     InputError
-        If a file cannot be read, the folder holds such a project already, or the description
-        cannot be read.
+        If a file cannot be read, the folder holds such a project already, the description
+        cannot be read, or an option is no number.
     """
     _require_no_project(folder)
+    if not math.isfinite(water_level_zero):
+        raise InputError(
+            f"--water-level-zero {water_level_zero:g}: metres are needed, such as -1.8"
+        )
     described = structure_text(structure, subdyn, springs, mudline)
     time = TimeColumn(dates=dates, zone=zone)
     everything = replace(EVERYTHING, rate_known=sampling_rate is not None)
@@ -178,7 +209,10 @@ def start_project(
     recording.parent.mkdir(exist_ok=True)
     known = condition_channels(*_names_and_units(table, left_out))
     conditions = () if measurement.counted else _conditions(measurement, known)
-    together = sorted((*conditions, *of_controller), key=lambda each: each.time_ns)
+    together = [
+        replace(each, water_level=each.water_level + water_level_zero)
+        for each in sorted((*conditions, *of_controller), key=lambda each: each.time_ns)
+    ]
     record_measurement(measurement, recording, scenario=scenario, conditions=together)
     return NewProject(
         folder,
@@ -189,7 +223,17 @@ def start_project(
         tuple(each.name for each in known.values() if conditions) + read,
         named,
         survey.span_ns,
+        _reported_water(together, scenario),
     )
+
+
+def _reported_water(samples: Sequence[ScadaSample], scenario: Scenario) -> ReportedWater | None:
+    levels = [each.water_level for each in samples if math.isfinite(each.water_level)]
+    if not levels:
+        return None
+    water = scenario.structure.water if scenario.has_structure else None
+    still = 0.0 if water is None else water.level
+    return ReportedWater(float(np.mean(levels)), min(levels), max(levels), still)
 
 
 def _require_no_project(folder: Path) -> None:

@@ -47,6 +47,8 @@ class ProjectLayout:
             first = unknown[0]
             stated = {"height": first.height_known, "axis": first.direction_known}
             missing = " and no ".join(what for what, is_known in stated.items() if not is_known)
+            if first.is_compass:
+                missing += " of the tower (a compass direction is none)"
             raise InputError(
                 f"the structural model needs the height and axis of each channel; {first.name!r} "
                 f"has no {missing} in its name: give --layout FILE.toml (`pilewatch import FILE "

@@ -274,7 +274,7 @@ def _modes(record: TurbineRecord, name: str, level: int) -> str:
             "– beside MAC: shape not used",
         ]
     if any(mode.pair_id for mode in record.state.modes):
-        legend.append("≈: mean of two modes that cannot be separated")
+        legend.append("≈: one of two modes that cannot be separated, only their mean is sure")
     return (
         heading("Modes", level)
         + _pair(pictures, f"{name}-modes")

@@ -7,6 +7,7 @@ Names of one measurement are read together: a number that all of them share is t
 numbers that count 1, 2, 3 are no heights.
 """
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -23,14 +24,21 @@ from sensors.files.text.columns import log_once
 
 UP: tuple[float, float, float] = (0.0, 0.0, 1.0)
 AXIS_OF_NAME: dict[str, tuple[tuple[float, float, float], str]] = {
-    **dict.fromkeys(("fa", "foreaft", "x", "n", "ns", "north", "nord"), (FORE_AFT, "fore-aft")),
+    **dict.fromkeys(("fa", "foreaft", "x"), (FORE_AFT, "fore-aft")),
     **dict.fromkeys(("längs", "laengs", "langs", "longitudinal"), (FORE_AFT, "fore-aft")),
-    **dict.fromkeys(("ss", "sideside", "y", "e", "ew", "east", "ost"), (SIDE_SIDE, "side-side")),
+    **dict.fromkeys(("ss", "sideside", "y"), (SIDE_SIDE, "side-side")),
     **dict.fromkeys(
         ("quer", "dwars", "tværs", "tvaers", "tvärs", "lateral"), (SIDE_SIDE, "side-side")
     ),
     **dict.fromkeys(("transversal", "transverse"), (SIDE_SIDE, "side-side")),
     **dict.fromkeys(("z", "v", "up", "vert", "vertical", "vertikal"), (UP, "vertical")),
+}
+# Degrees from north. A nacelle yaws: which of its axes one is, no name can tell.
+COMPASS: dict[str, float] = {
+    **dict.fromkeys(("n", "ns", "north", "nord"), 0.0),
+    **dict.fromkeys(("e", "ew", "east", "ost"), 90.0),
+    **dict.fromkeys(("s", "south", "süd", "sued", "syd", "zuid"), 180.0),
+    **dict.fromkeys(("w", "west", "vest"), 270.0),
 }
 LOWEST, HIGHEST = 2.0, 300.0  # heights that a bare number in a name may stand for [m]
 MILLIMETRES = 1000.0  # a height above it is no metres
@@ -44,6 +52,11 @@ _IN_METRES = re.compile(r"(?<![A-Za-z0-9.,])(-?\d+(?:[.,]\d+)?) ?([mc]?)[mM](?![
 _M_FOR_POINT = re.compile(r"(?<![A-Za-z0-9.,])(\d+)[mM](\d)(?![\dA-Za-z])")  # 16m5: 16.5 m
 _AFTER_LETTERS = re.compile(r"(?<![A-Za-z0-9])(?:[Ll]at|LAT|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)")
 _NUMBER = re.compile(r"(?<![\d.])(\d{2,3}(?:\.\d+)?)(?!\d|\.\d)")
+_BEARING = re.compile(  # N30E, N 120° E, S30W; 030deg, 120°
+    r"(?<![A-Za-z\d])(?P<of>[NS]) ?(?P<turn>\d{1,3}(?:[.,]\d+)?) ?°? ?(?P<to>[EOW])(?![A-Za-z\d])"
+    r"|(?<![\d.,])(?P<degrees>\d{1,3}(?:[.,]\d+)?) ?(?:°|[Dd]eg)(?![A-Za-z/])"
+)
+_ALONE = re.compile(r"(?<![A-Za-z])([SW])$")  # elsewhere S1 is a sensor
 _COMPASS = re.compile(r"(?<![A-Za-z])(?:N[-/ ]?S|S[-/ ]?N|[EO][-/ ]?W|W[-/ ]?[EO])(?![A-Za-z])")
 _IN_FULL = re.compile(r"(?P<fa>fore[ _/-]*aft)|(?P<ss>side[ _/-]*(?:to[ _/-]*)?side)", re.I)
 _SEED = re.compile(r"\.[A-Z]{2}([NEZ])$")  # last letter of a SEED channel code: its orientation
@@ -109,7 +122,9 @@ class GuessedChannel:
     height_known: bool = True
     """Whether the name has a height."""
     direction_known: bool = True
-    """Whether the name has an axis."""
+    """Whether the name has an axis of the tower."""
+    is_compass: bool = False
+    """Whether the name has a compass direction instead; x is taken as north."""
 
     @property
     def known(self) -> bool:
@@ -131,8 +146,9 @@ def guess_channels(names: Sequence[str]) -> tuple[GuessedChannel, ...]:
         In the order of `names`. A height that no name has is its place in the order, from 1;
         names that differ in the axis alone share one.
     """
-    shared = _numbers_in_all(names) if len(names) > TRIAXIAL else frozenset[str]()
-    heights = [_height(name, shared) for name in names]
+    unturned = [_BEARING.sub(" ", name) for name in names]  # a bearing is no height
+    shared = _numbers_in_all(unturned) if len(names) > TRIAXIAL else frozenset[str]()
+    heights = [_height(name, shared) for name in unturned]
     unsure = sorted({height for height, _, sure in heights if height is not None and not sure})
     steps = {high - low for low, high in pairwise(unsure)}
     counted = steps == {1.0}  # 1, 2, 3: the sensors' numbers
@@ -154,8 +170,9 @@ def _together(channels: Sequence[GuessedChannel]) -> list[GuessedChannel]:
     places: dict[str, int] = {}
     found = []
     for each in channels:
-        before, seen, after = each.name.rpartition(_axis(each.name)[1] or each.name)
-        key = before + after if each.direction_known else seen
+        text = _axis(each.name)[1] or _compass(each.name)[1] or each.name
+        before, seen, after = each.name.rpartition(text)
+        key = before + after if each.direction_known or each.is_compass else seen
         place = float(places.setdefault(key, len(places) + 1))
         found.append(each if each.height_known else replace(each, elevation=place))
     return found
@@ -198,22 +215,35 @@ def _pairs_apart(channels: Iterable[GuessedChannel]) -> tuple[GuessedChannel, ..
     guessed = list(channels)
     for height in {each.elevation for each in guessed if each.height_known}:
         level = [i for i, each in enumerate(guessed) if each.elevation == height]
-        unknown = [i for i in level if not guessed[i].direction_known]
+        unknown = [i for i in level if not (guessed[i].direction_known or guessed[i].is_compass)]
         others = [guessed[i].direction for i in level if i not in unknown[-1:]]
-        if len(level) == PAIR and unknown and others[0] != UP:
+        if len(level) == PAIR and unknown and not others[0][2]:
             second = guessed[unknown[-1]]
-            across = FORE_AFT if others[0] == SIDE_SIDE else SIDE_SIDE
+            x, y, _ = others[0]
+            across = FORE_AFT if others[0] == SIDE_SIDE else (-y + 0.0, x, 0.0)
             reason = f"{second.reason}: taken across the other one at its height"
             guessed[unknown[-1]] = replace(second, direction=across, reason=reason)
     return tuple(guessed)
 
 
 def _guess(name: str, place: int, height: float | None, seen_height: str) -> GuessedChannel:
-    axis, seen_axis = _axis(name.replace(seen_height, " ") if seen_height else name)
-    direction, axis_name = AXIS_OF_NAME[axis] if axis else (FORE_AFT, "fore-aft")
+    rest = name.replace(seen_height, " ") if seen_height else name
+    axis, seen_axis = _axis(rest)
+    degrees, seen_compass = (None, "") if axis else _compass(rest, name if rest.strip() else "")
+    direction, reason = FORE_AFT, "axis not in the name"
+    if axis:
+        direction, axis_name = AXIS_OF_NAME[axis]
+        reason = f"{axis_name} from {seen_axis!r}"
+        if _is_negative(seen_axis, name):
+            x, y, z = direction
+            direction = (-x + 0.0, -y + 0.0, -z + 0.0)
+            reason = f"against {axis_name} from '-{seen_axis}'"
+    elif degrees is not None:
+        direction = _of_bearing(degrees)
+        reason = f"a guess: {degrees:g}° from north by {seen_compass!r}, x taken as north"
     reasons = [
         f"{height:g} m from {seen_height!r}" if height is not None else "height not in the name",
-        f"{axis_name} from {seen_axis!r}" if axis else "axis not in the name",
+        reason,
     ]
     return GuessedChannel(
         name=name,
@@ -222,7 +252,45 @@ def _guess(name: str, place: int, height: float | None, seen_height: str) -> Gue
         reason=", ".join(reasons),
         height_known=height is not None,
         direction_known=bool(axis),
+        is_compass=degrees is not None,
     )
+
+
+def _is_negative(axis: str, name: str) -> bool:
+    """Whether an axis has a sign, acc_-y or acc_y-; the hyphen of 85m-y and z145-ss is none."""
+    axis = re.escape(axis)
+    return bool(
+        re.search(
+            rf"(?<![A-Za-z\d)\]])[-−]{axis}(?![A-Za-z])|(?<![A-Za-z]){axis}[-−](?![ A-Za-z\d])",
+            name,
+        )
+    )
+
+
+def _of_bearing(degrees: float) -> tuple[float, float, float]:
+    """Return the horizontal axis at a bearing, x north, y west and z up [-]."""
+    angle = math.radians(degrees)
+    return (round(math.cos(angle), 6) + 0.0, round(-math.sin(angle), 6) + 0.0, 0.0)
+
+
+def parallel_channels(channels: Sequence[GuessedChannel]) -> list[tuple[str, ...]]:
+    """Return the names of channels at one height whose guessed axes are along one line.
+
+    Parameters
+    ----------
+    channels : sequence of GuessedChannel
+        Of one measurement.
+
+    Returns
+    -------
+    list of tuple of str
+        Each of two names or more; two sensors may also be alike.
+    """
+    along: dict[tuple[float, tuple[float, ...]], list[str]] = {}
+    for each in channels:
+        line = max(each.direction, tuple(-part + 0.0 for part in each.direction))
+        along.setdefault((each.elevation, line), []).append(each.name)
+    return [tuple(names) for names in along.values() if len(names) > 1]
 
 
 def _numbers_in_all(names: Sequence[str]) -> frozenset[str]:
@@ -253,9 +321,6 @@ def _axis(name: str) -> tuple[str, str]:
     in_full = _IN_FULL.search(name)
     if in_full:
         return (in_full.lastgroup or ""), in_full[0]
-    pair = _COMPASS.search(name)
-    if pair:
-        return ("ns" if "N" in pair[0] else "ew"), pair[0]
     if name.startswith(("V", "v")):  # a velocity, a voltage
         name = name[1:]
     for words in (_LETTERS.findall(name), _WORD.findall(name)):
@@ -264,9 +329,39 @@ def _axis(name: str) -> tuple[str, str]:
                 return word.lower(), word
     for pattern in (_SEED, _OPENFAST, _TRAILING):
         found = pattern.search(name)
-        if found:
+        if found and found[1].lower() in AXIS_OF_NAME:
             return found[1].lower(), found[1]
     return "", ""
+
+
+def _compass(name: str, whole: str = "") -> tuple[float | None, str]:
+    """Return a name's compass direction [° from north] and the text it was read from.
+
+    whole   the name with its height, a number of which a bearing may share
+    """
+    found = _BEARING.search(whole or name)
+    if found and found["degrees"]:
+        return float(found["degrees"].replace(",", ".")), found[0]
+    if found:
+        turn = float(found["turn"].replace(",", "."))
+        from_south, westward = found["of"] == "S", found["to"] == "W"
+        return (180.0 if from_south else 0.0) + (turn if from_south == westward else -turn), found[
+            0
+        ]
+    pair = _COMPASS.search(name)
+    if pair:
+        return (COMPASS["ns"] if "N" in pair[0] else COMPASS["ew"]), pair[0]
+    if name.startswith(("V", "v")):  # a velocity, a voltage
+        name = name[1:]
+    for words in (_LETTERS.findall(name), _WORD.findall(name)):
+        for word in reversed(words):
+            if word.lower() in COMPASS and word.lower() not in ("s", "w"):
+                return COMPASS[word.lower()], word
+    for pattern in (_SEED, _ALONE):
+        found = pattern.search(name)
+        if found:
+            return COMPASS[found[1].lower()], found[1]
+    return None, ""
 
 
 def other_quantity(name: str, unit: str) -> str:

@@ -398,7 +398,7 @@ def _place_lines(channel: "GuessedChannel", *, some_known: bool) -> list[str]:
         lines[0] += f"# {above}: fill in"
     x, y, z = channel.direction
     direction = f"direction = [{float(x)}, {float(y)}, {float(z)}]".ljust(35)
-    seen = axis if channel.direction_known else "fill in"
+    seen = axis if channel.direction_known or channel.is_compass else "fill in"
     return [*lines, f"{direction}# {positive}: {seen}"]
 
 

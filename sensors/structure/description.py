@@ -35,6 +35,7 @@ Direction = Literal["FA", "SS"]
 
 SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
 LONGEST_ELEMENT = 1 / 12  # of the tower: the first ten frequencies of a mast are then exact to .2 %
+WIDEST_TUBE = 50.0  # tube that a tower or its foundation may have [m]
 SLENDERNESS = 20.0  # height over diameter of the mast drawn [-]
 
 
@@ -202,6 +203,7 @@ def parse_turbine(text: str, *, source: str) -> TurbineDescription:
     materials = document.pop("materials", {})
     if "tubes" in document:
         document["tubes"] = _with_materials(document["tubes"], materials, source)
+        _require_tubes_in_base_units(document["tubes"], source)
     return settings_from_table(TurbineDescription, document, source, TurbineError).meshed()
 
 
@@ -227,11 +229,28 @@ def _with_materials(tubes: Any, materials: Any, source: str) -> Any:
 
 
 def _require_base_units(material: Mapping[str, Any], where: str) -> None:
-    """What no material has is steel's figure in GPa or in t/m³."""
-    for key, least, steel in (("youngs_modulus", 1e6, "210e9 Pa"), ("density", 50.0, "7850 kg/m³")):
+    """What no material has is steel's figure in GPa, MPa, kN/m² or t/m³."""
+    for key, least, steel in (("youngs_modulus", 5e8, "210e9 Pa"), ("density", 50.0, "7850 kg/m³")):
         value = material.get(key)
         if isinstance(value, int | float) and 0 < value < least:
             raise TurbineError(f"{where}: {key} is {value:g}; steel has {steel}")
+
+
+def _require_tubes_in_base_units(tubes: Any, source: str) -> None:
+    """Raise TurbineError for figures of tubes that stand in another unit than the key's."""
+    if not isinstance(tubes, list):
+        return
+    for number, tube in enumerate(tubes):
+        if not isinstance(tube, Mapping):
+            continue
+        where = f"{source} [tubes[{number}]]"
+        _require_base_units(tube, where)
+        width = tube.get("diameter")
+        if isinstance(width, int | float) and WIDEST_TUBE < width < math.inf:
+            raise TurbineError(
+                f"{where}: diameter is {width:g} m; no tower is wider than {WIDEST_TUBE:g} m "
+                "(one of 9 m has 9.0)"
+            )
 
 
 def _cut(tube: Tube, times: int) -> Iterator[Tube]:

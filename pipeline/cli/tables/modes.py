@@ -49,7 +49,7 @@ def identified_modes_table(
             )
         table.add_row(*row)
     if any(mode.pair_id for mode in modes):
-        table.caption = "≈ mean of two modes that cannot be separated"
+        table.caption = "≈ one of two modes that cannot be separated: only their mean is sure"
     return table
 
 

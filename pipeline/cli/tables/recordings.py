@@ -8,6 +8,7 @@ from rich.table import Table
 from pipeline.cli.tables.cells import table_of
 from pipeline.recording.info import RecordingInfo, UnitInfo
 from pipeline.scenario import NO_STRUCTURE, Scenario
+from sensors.files.block_builder import FIRST_DAY_NS, moment
 from sensors.json_values import Json, fields_of
 
 SIMULATE = "simulate:"  # beginning of the source of what is simulated
@@ -45,6 +46,22 @@ def recording_tables(info: RecordingInfo) -> list[Table]:
             f"{status.busy_s:.2f}",
         )
     return [channels, units] + ([nodes] if info.health else [])
+
+
+def span_line(info: RecordingInfo) -> str:
+    """Return when the samples begin and end, in UTC; "" without samples.
+
+    Parameters
+    ----------
+    info : RecordingInfo
+        Of a recording.
+    """
+    if not info.units:
+        return ""
+    begin = min(unit.start_ns for unit in info.units)
+    end = max(unit.end_ns for unit in info.units)
+    zone = "UTC" if begin >= FIRST_DAY_NS else "of a clock without a date"
+    return f"samples = {moment(begin)} to {moment(end)} {zone}"
 
 
 def metadata_lines(info: RecordingInfo) -> list[str]:

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from pipeline.cli.tables.cells import format_short, format_value, table_of
 from pipeline.cli.tables.posteriors import farm_table, figures_tables
-from pipeline.cli.tables.recordings import recording_tables
+from pipeline.cli.tables.recordings import recording_tables, span_line
 from pipeline.messages import NodeStatus, ParameterSummary, StreamGap
 from pipeline.recording.info import RecordingInfo, UnitInfo
 from pipeline.state.phrases import count_noun
@@ -94,6 +94,24 @@ def test_a_recordings_table_gives_the_seconds_that_are_missing() -> None:
     )
     info = RecordingInfo(Path("a.mcap"), 100, {}, (), (unit,), (), ())
     assert "2 (3.0 s)" in printed(*recording_tables(info))
+
+
+@pytest.mark.parametrize(
+    ("start", "line"),
+    [
+        (1_740_787_200, "2025-03-01 00:00:00.000 to 2025-03-01 00:00:13.500 UTC"),
+        (0, "0.000 s to 13.500 s of a clock without a date"),
+    ],
+)
+def test_the_span_of_a_recording_is_that_of_all_units_in_utc(start: int, line: str) -> None:
+    def unit(name: str, begin: float, end: float) -> UnitInfo:
+        times = (int((start + each) * NANOSECONDS) for each in (begin, end))
+        return UnitInfo("t1", name, "s", 40.0, 8, 10, *times, ())
+
+    units = (unit("foot", 1, 13.5), unit("top", 0, 12))
+    info = RecordingInfo(Path("a.mcap"), 100, {}, (), units, (), ())
+    assert span_line(info) == f"samples = {line}"
+    assert span_line(RecordingInfo(Path("a.mcap"), 100, {}, (), (), (), ())) == ""
 
 
 @pytest.mark.parametrize(("last", "text"), [(-1, ""), (0, "0"), (7, "7")])

@@ -48,6 +48,10 @@ def test_identified_modes_stand_beside_their_pairs_and_second_estimates_where_th
     ]
     assert rows(identified_modes_table(modes[1:], 9)) == [["m2", *own]]
     assert "9 windows" in str(identified_modes_table(modes, 9).title)
+    assert identified_modes_table(modes, 9).caption == (
+        "≈ one of two modes that cannot be separated: only their mean is sure"
+    )
+    assert identified_modes_table(modes[1:], 9).caption is None
 
 
 def test_windows_of_candidates_that_are_no_modes_are_counted_from_one() -> None:

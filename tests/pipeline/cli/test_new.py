@@ -60,6 +60,17 @@ def test_a_terminal_is_asked_for_the_rate_and_for_heights_and_axes(
     assert layout.directions.tolist() == [[0, -1, 0], [1, 0, 0]]
 
 
+def test_a_compass_direction_is_asked_about_and_kept_by_an_empty_answer(
+    nameless: Path, on_a_terminal: Answered
+) -> None:
+    text = Path("two.csv").read_text("utf-8").replace("ch1,ch2", "24m N,24m W")
+    Path("two.csv").write_text(text)
+    asked = on_a_terminal("new two.csv -o mine --sampling-rate 20", "\n24 -ss\n")
+    assert "270° from north by 'W', x taken as north" in asked
+    (layout,) = recording_info(nameless / "mine/recordings/two.mcap").layouts
+    assert layout.directions.tolist() == [[1, 0, 0], [0, -1, 0]]
+
+
 @pytest.mark.parametrize("option", ["", "--yes"])
 def test_without_a_terminal_nothing_is_asked_and_guesses_are_stated(
     nameless: Path,
@@ -150,3 +161,54 @@ def test_the_levels_of_a_described_structure_are_printed(
     printed = capsys.readouterr().out
     assert "Structure: springs at -30 m, water to 0 m, tower top at 145 m" in printed
     assert "mine.toml" in printed.splitlines()[-2]
+
+
+@pytest.mark.parametrize(
+    ("option", "mean", "is_warned"),
+    [("", "2.50 m", True), ("--water-level-zero -2.4", "0.10 m", False)],
+)
+def test_a_water_level_from_another_zero_is_warned_of(
+    option: str,
+    mean: str,
+    is_warned: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = np.random.default_rng(4).standard_normal((1500, 2))
+    begin = np.datetime64("2025-07-03T14:00:00")
+    stamps = begin + (np.arange(1500) * 200).astype("timedelta64[ms]")
+    lines = [f"{t},{a:.5f},{b:.5f},2.5" for t, (a, b) in zip(stamps, rows, strict=True)]
+    text = "\n".join(["time,LAT097_FA [m/s2],LAT050_SS [m/s2],Tide [m]", *lines])
+    Path("t1.csv").write_text(text)
+    assert call(f"new t1.csv -o mine {option}", monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert f"above the description's still water (0 m): mean {mean}, {mean} to {mean}" in printed
+    assert ("warning: tides average out" in printed) is is_warned
+    assert ("--water-level-zero METRES" in printed) is is_warned
+
+
+@pytest.mark.parametrize(
+    ("axes", "asked"),
+    [
+        (("X", "Y", "X", "Y"), ""),
+        (("X", "X", "Y", "X"), "24m_X_0 and 24m_X_1 point along one axis: where they do not"),
+        (("X", "X", "X", "X"), "one axis (so do those of 1 other height): where they do not"),
+    ],
+)
+def test_channels_of_one_height_along_one_axis_are_asked_about(
+    axes: tuple[str, ...],
+    asked: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = [f"{24 if i < 2 else 85}m_{axis}_{i}" for i, axis in enumerate(axes)]
+    samples = np.random.default_rng(5).standard_normal((400, 4))
+    np.savetxt("t1.csv", samples, delimiter=",", header=",".join(names), comments="")
+    assert call("new t1.csv -o mine --sampling-rate 20", monkeypatch) == 0
+    printed = capsys.readouterr().out
+    assert asked in printed
+    assert ("along one axis" in printed) is bool(asked)

@@ -1,5 +1,6 @@
 """`calibrate` on recorded sessions: a description that later sessions begin with."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -69,6 +70,8 @@ def test_sessions_in_any_order_and_twice_give_one_calibration(estimates, tmp_pat
     assert found.n_windows == len(estimates)
     assert found.level_known
     assert len(found.levels) > 2
+    groups = rf" {len(estimates)} windows, \d+ of them in {len(found.levels)} groups by water level"
+    assert re.search(groups, found.calibration.source)
     figures = found.as_json()
     assert 0.5 < figures["springs_over_nominal"]["k11"]["median"] < 2.0
     described = tmp_path / "calibrated.toml"

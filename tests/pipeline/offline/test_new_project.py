@@ -234,6 +234,27 @@ def test_local_accelerations_meet_a_controllers_file_in_utc(tmp_path: Path) -> N
     assert not (tmp_path / "other").exists()
 
 
+def test_levels_of_a_gauge_with_another_zero_are_doubted_until_the_zero_is_stated(
+    tmp_path: Path,
+) -> None:
+    record = local_summer_record(tmp_path / "tower.csv")
+    scada = tmp_path / "scada.csv"
+    rows = [f"2025-07-03T14:{m:02d}:00Z,{1.2 + 0.2 * m:.1f}" for m in range(5)]
+    scada.write_text("\n".join(["timestamp,water_level [m]", *rows]))
+    chart = start_project([record], tmp_path / "chart", scada=[scada], name="t1")
+    assert chart.water is not None
+    assert chart.water.zero_doubted
+    mean = start_project(
+        [record], tmp_path / "mean", scada=[scada], name="t1", water_level_zero=-1.5
+    )
+    assert mean.water is not None
+    assert not mean.water.zero_doubted
+    found = (mean.water.mean, mean.water.lowest, mean.water.highest, mean.water.still)
+    assert found == pytest.approx((0.1, -0.3, 0.5, 0.0))
+    samples = list(read_messages(mean.recording, (ScadaSample,)))
+    assert [each.water_level for each in samples] == pytest.approx([-0.3, -0.1, 0.1, 0.3, 0.5])
+
+
 def test_small_files_are_joined_by_the_times_in_their_names(
     measurement: Path, tmp_path: Path
 ) -> None:

@@ -5,7 +5,13 @@ import pytest
 
 from sensors.acquisition.layout import FORE_AFT, SIDE_SIDE
 from sensors.errors import InputError
-from sensors.files.channel_names import guess_channels, other_quantity, placed, split_motions
+from sensors.files.channel_names import (
+    guess_channels,
+    other_quantity,
+    parallel_channels,
+    placed,
+    split_motions,
+)
 from sensors.files.table import ChannelTable
 
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
@@ -31,15 +37,10 @@ X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
         ("AccX_L25", 25.0, X),
         ("ACCY_85m", 85.0, Y),
         ("Level 25 m, Y-dir", 25.0, Y),
-        ("85_NS", 85.0, X),
-        ("V_45m_N-S", 45.0, X),
-        ("V_45m_O-W", 45.0, Y),  # Ost
-        ("Vel 45m E/W", 45.0, Y),
         ("acc_45m_V", 45.0, Z),
         ("45 m längs", 45.0, X),
         ("Turm 45m Quer", 45.0, Y),
         ("Beschl. 45 m vertikal", 45.0, Z),
-        ("45 m Ost", 45.0, Y),
         ("Acc_16m5_FA", 16.5, X),
         ("TWR 8m5 Y", 8.5, Y),
     ],
@@ -51,6 +52,77 @@ def test_height_and_axis_are_read_from_a_channels_name(
     assert (guessed.elevation, guessed.direction) == (elevation, direction)
     assert guessed.height_known
     assert guessed.direction_known
+
+
+@pytest.mark.parametrize(
+    ("name", "degrees"),
+    [
+        ("85_NS", 0),
+        ("V_45m_N-S", 0),
+        ("V_45m_O-W", 90),  # Ost
+        ("Vel 45m E/W", 90),
+        ("45 m Ost", 90),
+        ("A24_N", 0),
+        ("A24_W", 270),
+        ("A24_S", 180),
+        ("XX.T25..HNE", 90),
+        ("XX.T25..HNN", 0),
+        ("Ch_1 24.3m N30E", 30),
+        ("Ch_2 24.3m N120E", 120),
+        ("A24_N24E", 24),
+        ("24 m S 30 W", 210),
+        ("24 m S30E", 150),
+        ("24 m N30W", -30),
+        ("LAT024_030deg", 30),
+        ("24m 120°", 120),
+    ],
+)
+def test_a_compass_direction_is_a_guess_with_x_as_north(name: str, degrees: float) -> None:
+    (guessed,) = guess_channels([name])
+    angle = np.radians(degrees)
+    assert guessed.direction == pytest.approx((np.cos(angle), -np.sin(angle), 0.0), abs=1e-6)
+    assert guessed.is_compass
+    assert not guessed.direction_known
+    assert f"{degrees}° from north by " in guessed.reason
+
+
+def test_a_bearing_is_no_height_and_no_place() -> None:
+    guessed = guess_channels(["Ch1 N030E", "Ch1 N120E", "Ch2 N030E", "Ch2 N120E"])
+    assert [each.elevation for each in guessed] == [1, 1, 2, 2]
+    assert not any(each.height_known for each in guessed)
+
+
+def test_an_axis_of_the_tower_is_taken_before_a_compass_letter() -> None:
+    (guessed,) = guess_channels(["E_24m_x"])
+    assert guessed.direction == X
+    assert guessed.direction_known
+    (sensor,) = guess_channels(["S1_24m"])
+    assert not sensor.is_compass
+
+
+@pytest.mark.parametrize(
+    ("name", "direction"),
+    [
+        ("acc_-y+24.3", (0, -1, 0)),
+        ("24 m -FA", (-1, 0, 0)),
+        ("24m_Y-", (0, -1, 0)),
+        ("acc_24-y", Y),
+        ("acc_y-24", Y),
+        ("24 m (top)-y", Y),
+        ("z24-ss", Y),
+    ],
+)
+def test_a_minus_is_kept_and_a_hyphen_is_none(name: str, direction: tuple[int, int, int]) -> None:
+    (guessed,) = guess_channels([name])
+    assert guessed.direction == direction
+    assert guessed.reason.startswith("24")
+    assert ("against " in guessed.reason) is (min(direction) < 0)
+
+
+def test_channels_along_one_axis_at_one_height_are_found() -> None:
+    names = ["24m X a", "24m -X b", "24m Y", "45m X", "45m Y"]
+    assert parallel_channels(guess_channels(names)) == [("24m X a", "24m -X b")]
+    assert parallel_channels(guess_channels(["24m N30E", "24m N120E"])) == []
 
 
 def test_a_leading_v_is_a_velocity_and_no_axis() -> None:
@@ -97,19 +169,16 @@ def test_the_turbines_number_is_no_height() -> None:
     assert not any(each.height_known for each in guessed)
 
 
+def test_the_axis_of_a_standard_is_known() -> None:
+    (guessed,) = guess_channels(["TwHt3ALxt"])
+    assert guessed.direction_known
+    assert guessed.direction == X
+
+
 def test_the_z_of_a_height_is_no_vertical_axis() -> None:
     (guessed,) = guess_channels(["z85"])
     assert guessed.elevation == 85.0
     assert not guessed.direction_known
-
-
-@pytest.mark.parametrize(
-    ("name", "direction"), [("XX.T25..HNE", Y), ("XX.T25..HNN", X), ("TwHt3ALxt", X)]
-)
-def test_orientations_of_standards_are_known(name: str, direction: tuple[int, int, int]) -> None:
-    (guessed,) = guess_channels([name])
-    assert guessed.direction_known
-    assert guessed.direction == direction
 
 
 @pytest.mark.parametrize(
@@ -169,6 +238,8 @@ def test_two_channels_of_one_height_without_axes_are_taken_across_each_other() -
     assert not found[1].direction_known
     danish = guess_channels(["top 92 m langs", "top 92 m tvaers"])
     assert [each.direction for each in danish] == [FORE_AFT, SIDE_SIDE]
+    turned = guess_channels(["top 92 m N90E", "top 92 m b", "foot 10 m -y", "foot 10 m b"])
+    assert [each.direction for each in turned] == [(0, -1, 0), X, (0, -1, 0), X]
     half = guess_channels(["top 92 m other", "top 92 m SS", "foot 10 m Z", "foot 10 m a"])
     assert [each.direction for each in half] == [FORE_AFT, SIDE_SIDE, Z, FORE_AFT]
     three = guess_channels(["top 92 m a", "top 92 m b", "top 92 m c"])

@@ -116,6 +116,18 @@ MISTAKES = [
     ("k22 = 1e11", "k22 = -1e11", r"\[foundation\]: .*not positive definite"),
     ("k12 = 0.0", "k12 = 2e10", r"k12 < sqrt\(k11·k22\) = 1e\+10 N/rad"),
     ("k12 = 0.0", "k12 = 0.0\nsign = 'pile'", r"sign is 'pile'; it can be 'published' or 'emb"),
+    (
+        'material = "steel" }',
+        "youngs_modulus = 210.0, density = 7850.0 }",
+        r"\[tubes\[0\]\]: youngs_modulus is 210; steel has 210e9 Pa",
+    ),
+    (
+        'material = "steel" }',
+        "youngs_modulus = 210e6, density = 7850.0 }",
+        r"youngs_modulus is 2.1e\+08; steel has 210e9 Pa",
+    ),
+    ("density = 8500.0", "density = 8.5", r"\[tubes\[1\]\]: density is 8.5; steel has 7850 kg"),
+    ("diameter = 3.0", "diameter = 3000", r"\[tubes\[0\]\]: diameter is 3000 m; no tower is wider"),
     ('material = "steel" }', 'material = "iron" }', r"material 'iron' is not in \[materials\]"),
     ('name = "mast"', 'name = "mast', r"mast.toml: not valid TOML"),
     ('name = "mast"', 'name = "mast"\ngravitation = 9.81', r"mast.toml: unknown key 'gravitation'"),
