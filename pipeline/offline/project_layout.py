@@ -41,14 +41,20 @@ class ProjectLayout:
         return _as_guessed(self.turbine, channels, left_out, self.mapping.time)
 
     def require_places(self) -> None:
-        """Raise InputError where a structural model could not be compared with a channel."""
-        unknown = [each for each in self.channels if not each.known]
+        """Raise InputError where a structural model could not be compared with a channel.
+
+        A compass direction is good enough: that all sensors are turned alike is found by the modes.
+        """
+        unknown = [
+            each
+            for each in self.channels
+            if not (each.height_known and (each.direction_known or each.is_compass))
+        ]
         if unknown:
             first = unknown[0]
-            stated = {"height": first.height_known, "axis": first.direction_known}
+            axis_known = first.direction_known or first.is_compass
+            stated = {"height": first.height_known, "axis": axis_known}
             missing = " and no ".join(what for what, is_known in stated.items() if not is_known)
-            if first.is_compass:
-                missing += " of the tower (a compass direction is none)"
             raise InputError(
                 f"the structural model needs the height and axis of each channel; {first.name!r} "
                 f"has no {missing} in its name: give --layout FILE.toml (`pilewatch import FILE "

@@ -125,6 +125,16 @@ def unplaced(tmp_path: Path) -> Path:
     return path
 
 
+def test_compass_directions_are_enough_for_a_structure(tmp_path: Path) -> None:
+    samples = np.random.default_rng(5).standard_normal((6000, 2)).cumsum(axis=0)
+    path = tmp_path / "mast.csv"
+    header = "time [s],24m N30E,24m N120E"
+    table = np.column_stack([np.arange(6000) / RATE, samples])
+    np.savetxt(path, table, delimiter=",", header=header, comments="")
+    project = start_project([path], tmp_path / "mast", structure="iea15mw_monopile")
+    assert "x taken as north" in (project.folder / "layout.toml").read_text()
+
+
 def test_a_layout_file_states_the_places_that_names_do_not(unplaced: Path, tmp_path: Path) -> None:
     """Also for a structure; its couplings hold, what it leaves out stays SCADA or is named."""
     stated = tmp_path / "places.toml"
