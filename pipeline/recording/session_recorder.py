@@ -129,7 +129,9 @@ class SessionRecorder:
     A disk that is full, and that retention may not or cannot relieve, ends the recording, not the
     session: the part is closed, `warnings` says so and `lost` counts the blocks since. Once there
     is room again recording goes on in a next part, with the latest results of the time between.
-    Blocks of that time that a spool sends again are recorded and no longer counted as lost.
+    Blocks of that time that a spool sends again are recorded and no longer counted as lost. A file
+    that is removed or moved while it is written is noticed before its latest blocks are
+    acknowledged; what it held is lost, and recording goes on in a new file at once.
     """
 
     name = "recorder"
@@ -148,6 +150,7 @@ class SessionRecorder:
         self._arrivals = ArrivalClocks() if live else None
         self._stopped: QualityWarning | None = None
         self._resumed = False
+        self._is_removed = False  # whether it stopped since its file had gone
         self._missed: dict[int, None] = {}  # hashes of blocks that could not be recorded
         self._missed_before = 0  # more than are remembered
         self.duplicate = 0  # acceleration blocks that had been recorded before
@@ -340,7 +343,9 @@ class SessionRecorder:
                 return
         self._number = _number_without_a_file(self._path, self._number)
         self._recorder = self._started(now_ns)
-        self._stopped, self._resumed = None, True
+        self._resumed = True
+        if not self._is_removed:  # else the alarm lasts for a part: this would be too short to see
+            self._stopped = None
         logger.warning("recording goes on in %s", self.path)
         self._record_held()
 
@@ -368,6 +373,7 @@ class SessionRecorder:
             self._recorder = self._started(now_ns)
             self._recorded_before += recorder.recorded[AccelerationBlock]
             self._written.clear()
+            self._stopped = None
             thin(self._path, self._settings, now_ns)
         if abs(now_ns - self._checked_ns) >= ROOM_CHECKED_EVERY * NANOSECONDS:
             self._checked_ns = now_ns
@@ -396,7 +402,6 @@ class SessionRecorder:
         if self._recorder is None:  # it could not go on: the reason may be another one by now
             self._warn(f"recording to {self.path} does not go on: {reason}")
             return
-        self._acknowledgements.forget()
         recorder, self._recorder = self._recorder, None
         lasted = abs(self._checked_ns - self._began_ns) / NANOSECONDS
         soon = self._resumed and lasted < GOES_ON_FOR
@@ -404,10 +409,12 @@ class SessionRecorder:
         self._warn(f"recording to {recorder.path} has stopped: {reason}")
         if not self._closed_by_itself(recorder):
             recorder.abandon()
-            try:
-                closed_in_place(recorder.path.with_name(recorder.path.name + ACTIVE_SUFFIX))
-            except (OSError, RecordingError) as error:
-                logger.error("%s can only be salvaged: %s", recorder.path, error)
+            if recorder.is_in_place:  # else another file may have its name
+                self._close_in_place(recorder.path)
+        self._is_removed = not recorder.is_in_place
+        if self._is_removed:  # the disk has room: no block is to be missed
+            self._checked_ns -= round(self._pause * NANOSECONDS)
+        self._acknowledgements.forget(synced=self._is_removed)
         self._count_readable(recorder.path)
 
     def _count_readable(self, path: Path) -> None:
@@ -427,6 +434,12 @@ class SessionRecorder:
         if warning != self._stopped:
             logger.error(text)
         self._stopped = warning
+
+    def _close_in_place(self, path: Path) -> None:
+        try:
+            closed_in_place(path.with_name(path.name + ACTIVE_SUFFIX))
+        except (OSError, RecordingError) as error:
+            logger.error("%s can only be salvaged: %s", path, error)
 
     def _closed_by_itself(self, recorder: Recorder) -> bool:
         try:

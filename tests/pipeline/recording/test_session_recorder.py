@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from io import BufferedWriter
 from pathlib import Path
 
@@ -249,6 +250,87 @@ def test_a_disk_without_room_is_looked_at_every_few_seconds_and_leaves_no_files(
         "session.mcap",
         "session.part2.mcap",
     ]
+
+
+def removed(active: Path) -> None:
+    active.unlink()
+
+
+def moved(active: Path) -> None:
+    active.rename(active.with_name("elsewhere.mcap"))
+
+
+def replaced(active: Path) -> None:
+    active.unlink()
+    active.write_bytes(b"of another program")
+
+
+@pytest.mark.parametrize("gone", [removed, moved, replaced])
+def test_a_file_that_goes_under_its_recorder_is_noticed_and_its_blocks_not_acknowledged(
+    tmp_path: Path, gone: Callable[[Path], None]
+) -> None:
+    disk = Disk(tmp_path)
+    disk.send(LAYOUT)
+    disk.blocks(0, 20)
+    acknowledged = {*disk.acknowledged}
+    gone(tmp_path / "session.mcap.active")
+    disk.blocks(20, 30)
+    first, *_ = disk.recorder.statistics.warnings
+    assert first.code == "recording-stopped"  # which is an alarm
+    assert "session.mcap has stopped: its file was removed or moved" in first.text
+    disk.blocks(30, 60)
+    disk.recorder.close()
+
+    there = {n for path in tmp_path.glob("session*.mcap") for n in sequences([path])}
+    assert {*range(22, 60)} <= there
+    assert disk.acknowledged - acknowledged <= there
+    assert disk.recorder.lost == 60 - len(there)
+    assert disk.recorder.recorded == len(there)
+    if gone is moved:
+        left = sequences([tmp_path / "elsewhere.mcap"])
+        assert left == list(range(len(left)))
+        assert {*left} | there == {*range(60)}
+    if gone is replaced:
+        assert (tmp_path / "session.mcap.active").read_bytes() == b"of another program"
+
+
+def test_what_is_sent_again_after_a_file_has_gone_is_recorded(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.blocks(0, 20)
+    acknowledged = {*disk.acknowledged}
+    (tmp_path / "session.mcap.active").unlink()
+    disk.blocks(20, 30)
+    disk.send(*(block(n) for n in range(30) if n not in acknowledged))
+    disk.send(StreamEnd("t1", "tower", "session-1", START_NS + 30 * SECOND, 30))
+    disk.recorder.close()
+    assert {*sequences([disk.path])} == {*range(30)} - acknowledged
+    assert disk.acknowledged == {*range(30)}
+    assert disk.recorder.lost == len(acknowledged)
+
+
+def test_the_alarm_of_a_file_that_went_ends_with_the_next_part(tmp_path: Path) -> None:
+    disk = Disk(tmp_path, rotate_after=30.0)
+    disk.blocks(0, 10)
+    (tmp_path / "session.mcap.active").unlink()
+    disk.blocks(10, 30)
+    assert disk.codes == ["recording-stopped", "recording-resumed"]
+    disk.blocks(30, 60)
+    assert disk.codes == ["recording-resumed"]
+    disk.recorder.close()
+
+
+@pytest.mark.parametrize("rotates", [False, True])
+def test_a_file_that_is_gone_when_it_is_finished_is_lost(tmp_path: Path, rotates: bool) -> None:
+    disk = Disk(tmp_path)
+    disk.blocks(0, 10)
+    removed(tmp_path / "session.mcap.active")
+    if rotates:
+        disk.clock.now_ns += 3600 * SECOND
+        disk.blocks(10, 11)
+    disk.recorder.close()
+    assert "its file was removed or moved" in disk.recorder.warnings[0].text
+    assert disk.recorder.lost == 10 + rotates
+    assert disk.recorder.recorded == 0
 
 
 def test_retention_relieves_a_full_disk_where_it_may(tmp_path):
