@@ -116,7 +116,7 @@ def test_the_blocks_stamps_follow_a_clock_that_drifts() -> None:
     assert max(abs(each) for each in error) < 0.15 / RATE
 
 
-@pytest.mark.parametrize("step", [16.0, -16.0, 6.0])
+@pytest.mark.parametrize("step", [16.0, -16.0, 6.0, 3.0])
 @pytest.mark.parametrize("length", [40, 1])
 def test_a_clock_that_is_set_by_less_than_a_session_is_a_step_of_the_blocks_stamps(
     step: float, length: int
