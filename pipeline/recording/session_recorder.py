@@ -187,10 +187,9 @@ class SessionRecorder:
         if not self._resumed or self._recorder is None:
             return found
         missing = (
-            f"{count_noun(self.lost, 'block')} of the time between "
-            f"{'is' if self.lost == 1 else 'are'} not recorded"
+            f"{count_noun(self.lost, 'block')} {'is' if self.lost == 1 else 'are'} not recorded"
             if self.lost
-            else "no block of the time between is missing"
+            else "no block is missing"
         )
         text = f"recording goes on after it had stopped: {missing}"
         return (*found, QualityWarning("recording-resumed", text))
