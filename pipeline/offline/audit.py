@@ -12,6 +12,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
+from pipeline.offline.stopped_runs import stopped_runs
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.latest_messages import files_of, readable_messages
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
@@ -102,6 +103,8 @@ class Audit:
 
     folder: Path
     books: Books
+    unrecorded: tuple[str, ...]
+    """Results that a run had while its recording had stopped, in words."""
     damaged: tuple[str, ...]
     """Files that cannot be read to their end, in words."""
     n_files: int
@@ -110,14 +113,15 @@ class Audit:
 
     @property
     def violations(self) -> tuple[str, ...]:
-        """Sentences on books that do not balance and damaged files; none: all is proven."""
-        return (*self.damaged, *self.books.violations())
+        """Sentences on books that do not balance, on damaged files and on results that are not
+        recorded; none: all is proven."""
+        return (*self.damaged, *self.books.violations(), *self.unrecorded)
 
     @property
     def line(self) -> str:
         """The result in one line."""
         found = len(self.violations)
-        verdict = "the books balance" if not found else f"{found} violations"
+        verdict = "the books balance" if not found else count_noun(found, "violation")
         files = count_noun(self.n_files, "file")
         left = f" ({self.n_open} not closed: its run goes on or was killed)" if self.n_open else ""
         return f"{self.folder}: {verdict}; {files}{left}, {self.books.line}"
@@ -129,6 +133,7 @@ class Audit:
             "files": self.n_files,
             "files_not_closed": self.n_open,
             "damaged": list(self.damaged),
+            "not_recorded": list(self.unrecorded),
             **self.books.as_json(),
             "balanced": not self.violations,
         }
@@ -153,11 +158,26 @@ def audit(folder: Path, period: AuditPeriod | None = None) -> Audit:
     books = Books(updates=_has_structure(files))
     damaged = list(_damaged_snapshots(folder))
     messages = _all_messages(files, damaged)
+    is_whole = period is None or period.whole
     chosen = messages if period is None or period.whole else period.messages(messages)
     for message in chosen:
         books.handle(message)
+    unrecorded = tuple(_not_recorded(folder, files, books)) if is_whole else ()
     n_open = sum(file.name.endswith(ACTIVE_SUFFIX) for file in files)
-    return Audit(folder, books, tuple(damaged), len(files), n_open)
+    return Audit(folder, books, unrecorded, tuple(damaged), len(files), n_open)
+
+
+def _not_recorded(folder: Path, files: Iterable[Path], books: Books) -> Iterator[str]:
+    """Enter the blocks that runs received while recording had stopped; yield what else is missing.
+
+    Where samples have gone with their age, blocks cannot be compared.
+    """
+    has_all_samples = not any(RESULTS in file.name for file in files)
+    for run in stopped_runs(folder):
+        if has_all_samples:
+            for session, n_blocks in run.received.items():
+                books.enter_received(session, n_blocks)
+        yield from run.unrecorded_windows(books)
 
 
 def _all_messages(files: list[Path], damaged: list[str]) -> Iterator[Message]:

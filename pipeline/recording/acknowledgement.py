@@ -60,9 +60,17 @@ class Acknowledgements:
         """Take note of a block that was written, or that had been written before."""
         self._noted.append(((block.turbine, block.unit, block.session), _Run.of(block)))
 
-    def forget(self) -> None:
-        """What was noted since the last sync is not on disk."""
+    def forget(self, *, synced: bool = False) -> None:
+        """What was noted since the last sync is not on disk.
+
+        Parameters
+        ----------
+        synced : bool, optional
+            Nor is what was synced and is not acknowledged yet: its file has gone.
+        """
         self._noted.clear()
+        if synced:
+            self._synced.clear()
 
     def sync(self) -> int:
         """Take note that the disk has all this; how many blocks are to be acknowledged."""

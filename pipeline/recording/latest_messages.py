@@ -18,7 +18,7 @@ may replay what it has received. A message is the same where every byte of it is
 
 import logging
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -213,9 +213,9 @@ class Repetition:
         kept : int
             How many messages of this key are known again.
         """
-        number = hash(payload)
-        if number in self._known or number in self._earlier:
+        if self.knows(payload):
             return True
+        number = hash(payload)
         latest = self._latest.pop(key, None) or deque()
         self._latest[key] = latest  # the key that was silent longest comes first
         latest.append(number)
@@ -225,6 +225,20 @@ class Repetition:
         if len(self._known) > MOST_KNOWN_MESSAGES:
             self._forget_one()
         return False
+
+    def knows(self, payload: bytes) -> bool:
+        """Whether these bytes have been recorded; what is not known stays so."""
+        number = hash(payload)
+        return number in self._known or number in self._earlier
+
+    def forget(self, numbers: Set[int]) -> None:
+        """Forget messages that turned out not to be recorded, by the hashes of their bytes."""
+        self._known -= numbers
+        self._earlier -= numbers
+        self._latest = {
+            key: deque(number for number in latest if number not in numbers)
+            for key, latest in self._latest.items()
+        }
 
     def _forget_one(self) -> None:
         """The oldest of the key that was silent longest."""

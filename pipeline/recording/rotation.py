@@ -44,13 +44,16 @@ def part_of(path: Path, number: int) -> Path:
 def next_part(path: Path) -> int:
     """Number of the first part of which there is no file yet."""
     number = 1
-    while any(
-        candidate.exists()
-        for part in [part_of(path, number)]
-        for candidate in (part, part.with_name(part.name + ACTIVE_SUFFIX), results_of(part))
-    ):
+    while is_taken(path, number):
         number += 1
     return number
+
+
+def is_taken(path: Path, number: int) -> bool:
+    """Whether there is a file of the part of that number: finished, in writing or its results."""
+    part = part_of(path, number)
+    files = (part, part.with_name(part.name + ACTIVE_SUFFIX), results_of(part))
+    return any(file.exists() for file in files)
 
 
 def parts_of(path: Path) -> list[Path]:

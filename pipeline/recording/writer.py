@@ -1,5 +1,6 @@
 """The recorder: a node that writes every message it is given to an MCAP file."""
 
+import errno
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -88,6 +89,7 @@ class Recorder:
         self._counts: dict[str, int] = {}  # key → messages
         self._without_time: list[tuple[Message, bytes]] = []
         self._chunk_opened_ns: int | None = None
+        self.is_in_place = True  # as it was when it was synced or closed last
         self._active = _active(path)
         self._file = _created(path, self._active)
         self._writer = Writer(
@@ -127,27 +129,49 @@ class Recorder:
         return NodeStatistics(recorded=self.recorded[AccelerationBlock])
 
     def close(self) -> None:
-        """Finish the file and give it its name. A second call does nothing."""
+        """Finish the file and give it its name. A second call does nothing.
+
+        Raises FileNotFoundError where the file was removed or moved; it ends properly where it is.
+        """
         if self._file.closed:
             return
         self._write_waiting(0)
         self._writer.finish()
         self._file.flush()
         os.fsync(self._file.fileno())
+        self.is_in_place = self._has_its_name()
         self._file.close()
+        self._require_its_name()
         self._active.rename(self.path)
         sync_folder(self.path.parent)
 
     def sync(self) -> None:
         """Have everything that was recorded survive a power cut: ends the open chunk.
 
-        Raises OSError where the disk refuses.
+        Raises OSError where the disk refuses, FileNotFoundError where the file was removed or
+        moved: what is written then is not in the recording.
         """
         if self._file.closed:
             return
         self._writer.flush()
         self._chunk_opened_ns = None
         os.fsync(self._file.fileno())
+        self.is_in_place = self._has_its_name()
+        self._require_its_name()
+
+    def _has_its_name(self) -> bool:
+        """Whether the open file is the one of its name: none is there, or another, where it was
+        removed, renamed or replaced, and all writing to it still succeeds."""
+        try:
+            named = self._active.stat()
+        except FileNotFoundError:
+            return False
+        return os.path.samestat(named, os.fstat(self._file.fileno()))
+
+    def _require_its_name(self) -> None:
+        if not self.is_in_place:
+            text = "its file was removed or moved while it was written"
+            raise FileNotFoundError(errno.ENOENT, text, str(self._active))
 
     @property
     def size(self) -> int:

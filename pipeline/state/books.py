@@ -53,6 +53,8 @@ class BlockBook:
     """Blocks that arrived again."""
     published: int | None = None
     """Blocks that the source says it published; None before its end."""
+    received: int = 0
+    """Different blocks that a run received, recorded or not, where it says so."""
     start_ns: int | None = None
     """Earliest stamp of a block that arrived [ns]."""
     end_ns: int | None = None
@@ -81,11 +83,17 @@ class BlockBook:
 
     @property
     def lost(self) -> int:
-        """Blocks that are missing between those that arrived, and at the end."""
-        inside = len(self.missing)
+        """Blocks that are missing between those that arrived, and at the end; those that a run
+        received and could not record."""
+        inside = max(len(self.missing), self.received - len(self.recorded))
         if self.published is None:
             return inside
         return max(inside, self.published - len(self.recorded) - self.repeated)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether a block arrived."""
+        return bool(self.recorded) or self.received > 0
 
     @property
     def missing(self) -> Intervals:
@@ -108,6 +116,12 @@ class BlockBook:
             if self.published is None and end > self.recorded.end - REPORTED_WITHIN:
                 continue  # they may still come
             yield f"{block_numbers(first, end)} neither recorded nor reported missing"
+        unrecorded = self.received - len(self.recorded) - len(missing)
+        if unrecorded > 0:
+            yield (
+                f"{unrecorded} of {self.received} received blocks are not recorded: recording had "
+                "stopped"
+            )
         if self.published is None:
             return
         elsewhere = len(self.reported - self.recorded) + len(missing - self.reported)
@@ -226,6 +240,23 @@ class Books:
         boot = self._boots.setdefault(session, BootCounter()).boot_at(sequence, time_ns)
         return self._blocks.setdefault((*session, boot), BlockBook())
 
+    def enter_received(self, session: tuple[str, str, str], n_blocks: int) -> None:
+        """Enter how many blocks of a session a run received, recorded or not.
+
+        Parameters
+        ----------
+        session : tuple of str
+            Turbine, unit, session.
+        n_blocks : int
+            Different blocks, of all boots.
+        """
+        books = [book for key, book in self._blocks.items() if key[:3] == session]
+        if not books:
+            books = [self._blocks.setdefault((*session, 0), BlockBook())]
+        *others, last = books
+        there = sum(len(book.recorded) for book in others)
+        last.received = max(last.received, n_blocks - there)
+
     def _turbine(self, turbine: str) -> TurbineBook:
         return self._turbines.setdefault(turbine, TurbineBook())
 
@@ -257,7 +288,7 @@ class Books:
     def _violations_of(self, turbine: str) -> Iterator[str]:
         unread: int | None = None  # many names may have been refused: counted when it matters
         for (of, unit, session, boot), blocks in self._blocks.items():
-            if of != turbine or not blocks.recorded:
+            if of != turbine or not blocks.is_known:
                 continue
             place = f"unit {unit} of {turbine}, session {session}, boot {boot}"
             yield from (f"{place}: {text}" for text in blocks.violations())
@@ -323,7 +354,7 @@ class Books:
                 | book.as_json()
                 | {"pause_before_s": pauses.get(boot, 0.0)}
                 for boot, book in sorted(self._blocks.items(), key=lambda each: each[0])
-                if book.recorded and only in (None, boot[0])
+                if book.is_known and only in (None, boot[0])
             ],
             "refused": {
                 node: dict(_refused_by(status))
@@ -340,7 +371,7 @@ class Books:
     @property
     def line(self) -> str:
         """The books in one line."""
-        blocks = [book for book in self._blocks.values() if book.recorded]
+        blocks = [book for book in self._blocks.values() if book.is_known]
         books = self._turbines.values()
         refused = sum(map(_refused_by, self._nodes.values()), Counter[str]())
         silent = sum(pauses_before(self._blocks).values())

@@ -16,6 +16,7 @@ from pipeline.messages import Message
 from pipeline.streams import key_of
 from pipeline.transport.codec import LARGEST_PAYLOAD, decode
 from pipeline.transport.errors import CodecError, TransportError
+from sensors.bounded_dict import BoundedDict
 
 logger = logging.getLogger(__name__)
 
@@ -28,6 +29,8 @@ MOST_KEYS = (
 
 PLACES_KEPT = 1000  # of messages that are gone, before the order of arrival is tidied up
 
+_logging = threading.Lock()
+_logged: BoundedDict[str, int] = BoundedDict()  # refusals by their text, how many an inbox had then
 _NOT_IN_A_KEY = frozenset("/*$?#")
 
 
@@ -230,7 +233,8 @@ class Inbox:
         with self._changed:
             self.malformed += 1
             self.refusal = f"on {delivery.key}: {error}"
-        if self.malformed.bit_count() == 1:  # the 1st, 2nd, 4th, 8th, …: a flood fills no log
+        # the 1st, 2nd, 4th, 8th, …: a flood fills no log
+        if self.malformed.bit_count() == 1 and _is_news(self.refusal, self.malformed):
             logger.warning(
                 "dropped what came on %s (%d so far): %s", delivery.key, self.malformed, error
             )
@@ -239,6 +243,15 @@ class Inbox:
         with self._changed:
             self._changed.wait_for(lambda: self._count or self._closed, timeout)
             return self._taken() if self._count else None
+
+
+def _is_news(refusal: str, count: int) -> bool:
+    """Whether no inbox of this process, of which each node has one, has logged that refusal."""
+    with _logging:
+        if _logged.get(refusal, 0) >= count:
+            return False
+        _logged[refusal] = count
+        return True
 
 
 def publishing_key(message: Message) -> str:

@@ -15,6 +15,7 @@ from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
 from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("identified_once")
@@ -73,6 +74,58 @@ def test_blocks_that_were_taken_out_are_named(folder: Path, tmp_path: Path) -> N
 
     (violation,) = audit(rewritten(folder, tmp_path / "copy", keep)).violations
     assert "blocks 100 to 104 are neither recorded nor reported missing" in violation
+
+
+def without_the_second_half(folder: Path, copy: Path, code: str) -> Path:
+    """A run whose recording ends with block 99, and a warning in its summary."""
+    stopped = rewritten(folder, copy, lambda message: not is_late(message))
+    summary = json.loads((copy / "summary.json").read_text())
+    summary["warnings"].append({"code": code, "text": "recording has stopped: full"})
+    (copy / "summary.json").write_text(json.dumps(summary))
+    return stopped
+
+
+def is_late(message: Message) -> bool:
+    if isinstance(message, AccelerationBlock):
+        return message.sequence >= 100
+    return not isinstance(message, SensorLayout)
+
+
+def test_what_came_after_a_recording_had_stopped_is_lost_as_in_the_summary(
+    folder: Path, tmp_path: Path
+) -> None:
+    published = json.loads((folder / "summary.json").read_text())["books"]["units"][0]["recorded"]
+    found = audit(without_the_second_half(folder, tmp_path / "copy", "recording-stopped"))
+    assert found.books.as_json()["units"][0]["lost"] == published - 100
+    blocks, windows = found.violations
+    assert f"{published - 100} of {published} received blocks are not recorded" in blocks
+    assert "2 windows were identified (summary.json) and 0 of them recorded" in windows
+    assert f"100 blocks of 1 boot recorded, {published - 100} lost" in found.line
+    assert not found.as_json()["balanced"]
+
+
+def test_a_recording_of_which_nothing_is_left_is_lost_as_in_the_summary(
+    folder: Path, tmp_path: Path
+) -> None:
+    copy = without_the_second_half(folder, tmp_path / "copy", "recording-resumed")
+    none = rewritten(copy, tmp_path / "none", lambda m: not isinstance(m, AccelerationBlock))
+    (unit,) = audit(none).books.as_json()["units"]
+    assert (unit["recorded"], unit["lost"]) == (0, 240)
+
+
+def test_a_summary_alone_accuses_no_folder_whose_parts_lie_elsewhere(
+    folder: Path, tmp_path: Path
+) -> None:
+    assert not audit(without_the_second_half(folder, tmp_path / "copy", "clock-off")).violations
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"warnings": [{"code": "recording-stopped"}]}'])
+def test_a_summary_that_cannot_be_read_is_passed_over(
+    folder: Path, tmp_path: Path, text: str
+) -> None:
+    copy = rewritten(folder, tmp_path / "copy", lambda _: True)
+    (copy / "summary.json").write_text(text)
+    assert not audit(copy).violations
 
 
 def test_a_posterior_that_is_missing_leaves_its_estimate_pending(

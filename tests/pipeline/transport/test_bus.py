@@ -139,6 +139,17 @@ def test_a_broken_message_is_counted_and_the_next_one_taken() -> None:
     assert inbox.malformed == 1
 
 
+def test_what_every_nodes_inbox_refuses_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    inboxes = [Inbox() for _ in range(4)]
+    for _ in range(5):
+        for inbox in inboxes:
+            inbox.put(delivered(block(0), key="pilewatch/t1/once/acceleration", payload=b"\xff"))
+            assert inbox.get(timeout=0) is None
+    assert [inbox.malformed for inbox in inboxes] == [5] * 4
+    logged = [each.getMessage().partition(" so far")[0] for each in caplog.records]
+    assert [text.rpartition("(")[2] for text in logged] == ["1", "2", "4"]
+
+
 def test_a_message_of_another_turbine_than_its_key_is_not_believed() -> None:
     inbox = Inbox()
     inbox.put(delivered(block(0, turbine="t2"), key="pilewatch/t1/tower/acceleration"))

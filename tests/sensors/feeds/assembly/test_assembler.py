@@ -116,6 +116,48 @@ def test_the_blocks_stamps_follow_a_clock_that_drifts() -> None:
     assert max(abs(each) for each in error) < 0.15 / RATE
 
 
+@pytest.mark.parametrize("step", [16.0, -16.0, 6.0, 3.0])
+@pytest.mark.parametrize("length", [40, 1])
+def test_a_clock_that_is_set_by_less_than_a_session_is_a_step_of_the_blocks_stamps(
+    step: float, length: int
+) -> None:
+    """Of up to .4 s; it was a ramp of 25 s, and windows' frequencies off by up to 0.1 %."""
+    rng = np.random.default_rng(1)
+
+    def pieces() -> Iterator[ChannelSamples]:
+        for first in range(0, 40 * 200, length):
+            stepped = step if first >= 40 * 100 else 0.0
+            at = first + stepped + rng.uniform(-0.3, 0.3)
+            yield piece(first, length, at=at, follows=first > 0)
+
+    blocks = assembled(pieces())
+    assert {block.session for block in blocks} == {blocks[0].session}
+    off = np.array([b.start_ns - START for b in blocks]) / NANOSECONDS * RATE
+    off -= [block.first_sample for block in blocks]
+    assert abs(off[:100]).max() < 0.5
+    assert abs(off[105:] - step).max() < 0.5
+    between = off[100:105]
+    assert all(min(abs(each), abs(each - step)) < 0.5 for each in between)  # a step is no ramp
+
+
+@given(st.integers(0, 2**32), st.sampled_from([0.3, 3.0, 12.0]), st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_stamps_that_scatter_or_are_late_for_a_while_are_no_step(
+    seed: int, jitter: float, stalls: bool
+) -> None:
+    """A link that holds messages back for a second stamps them late where it stamps at all."""
+    rng = np.random.default_rng(seed)
+
+    def pieces() -> Iterator[ChannelSamples]:
+        for first in range(0, 40 * 300, 40):
+            held = 15.0 if stalls and first // 40 % 60 in (50, 51) else 0.0
+            yield piece(first, at=first + held + rng.uniform(0, jitter), follows=first > 0)
+
+    off = np.array([block.start_ns - START for block in assembled(pieces())]) / NANOSECONDS * RATE
+    off -= 40 * np.arange(300)
+    assert abs(np.diff(off[20:])).max() < max(1.0, 0.15 * jitter)
+
+
 def test_the_rate_of_single_samples_is_found_from_their_stamps() -> None:
     rng = np.random.default_rng(5)
     pieces = [piece(i, 1, at=i + rng.uniform(-0.2, 0.2), rate=None) for i in range(200)]
