@@ -160,7 +160,7 @@ def test_the_levels_of_a_described_structure_are_printed(
     assert call("new two.csv --sampling-rate 20 -o mine", monkeypatch) == 0
     printed = capsys.readouterr().out
     assert "Structure: springs at -30 m, water to 0 m, tower top at 145 m" in printed
-    assert "no mass of a pile below ([foundation] moving_mass)" in printed
+    assert "no mass of a pile below (moving_mass)" in printed
     assert "mine.toml" in printed.splitlines()[-2]
 
 
