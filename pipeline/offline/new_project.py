@@ -34,6 +34,7 @@ from sensors.files.channel_names import GuessedChannel, UnusedChannel
 from sensors.files.conditions import ConditionChannel, condition_channels, read_conditions
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import load_layout
+from sensors.files.repeated_hour import settle_repeated_hour
 from sensors.files.table import (
     EVERYTHING,
     ChannelTable,
@@ -299,7 +300,8 @@ def _controller_samples(
     samples: list[ScadaSample] = []
     names: tuple[str, ...] = ()
     for path in files:
-        file, first = open_file(path, None, replace(EVERYTHING, time=time))
+        opened, first = open_file(path, None, replace(EVERYTHING, time=time))
+        (file,) = settle_repeated_hour([opened])
         known = condition_channels(file.names, file.units)
         if not known:
             raise InputError(

@@ -180,7 +180,7 @@ def _with_time(
         )
     place = names.index(time.column)
     unit = time.unit or str(channels[place].get("unit_str") or "")
-    clock = TextClock(time.column, unit, time.dates, time.zone)
+    clock = TextClock(time.column, unit, time.dates, time.zone, time.second_hour)
     try:
         seconds = clock.seconds(pa.array(np.asarray(channels[place]["data"])))
     except (ClockError, pa.ArrowException) as error:

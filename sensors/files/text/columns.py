@@ -280,7 +280,7 @@ def _seconds_of(
     unit = titles[0].unit or time_unit(titles[0].name)
     title = " and ".join(each.name for each in titles)
     zone = zone_in_title(f"{title} {titles[0].unit}") or columns.time.zone
-    clock = TextClock(title, unit, columns.time.dates, zone)
+    clock = TextClock(title, unit, columns.time.dates, zone, columns.time.second_hour)
 
     def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
         stamps = [batch.column(place[i]) for i in columns.clock]
@@ -295,7 +295,7 @@ def _seconds_of(
                 "on that night; all times are read as those before it"
             )
         return replace(chunk, times=times, start_ns=clock.start_ns or columns.start_ns,
-                       stated_rate=None)  # fmt: skip
+                       stated_rate=None, went_back=clock.summer_time.went_back)  # fmt: skip
 
     return timed
 

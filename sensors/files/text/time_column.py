@@ -162,6 +162,9 @@ class TextClock:
     unit: str = ""
     dates: DateOrder | None = None
     zone: str = ""
+    second: bool = False
+    """Whether a first stamp in an hour that comes twice is of the second, not of the first."""
+
     start_ns: int = 0
     """The file's first stamp [ns since 1970]; 0 where it counts from a start."""
 
@@ -223,7 +226,7 @@ class TextClock:
             elif not self._style.zoned:
                 stamps = self.summer_time.continuous(stamps)
                 if self._ahead is None:
-                    self._ahead = zone_offset_ns(int(stamps[0]), self.zone)
+                    self._ahead = zone_offset_ns(int(stamps[0]), self.zone, second=self.second)
                 stamps = stamps - self._ahead
             return self._of_nanoseconds(stamps, dated=self._style.dated)
         except DateError as error:
