@@ -7,7 +7,7 @@ files ──► motions, with a guess of each one's place ──► layout.toml
 import logging
 import re
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import BoolArray
 from sensors.errors import InputError
-from sensors.files.block_builder import moment, open_file
+from sensors.files.block_builder import MeasurementFile, moment, open_file
 from sensors.files.channel_names import GuessedChannel, UnusedChannel
 from sensors.files.conditions import ConditionChannel, condition_channels, read_conditions
 from sensors.files.formats import channels_in
@@ -308,6 +308,7 @@ def _controller_samples(
                 f"--scada {path}: none of {', '.join(file.names)} is wind, rotor speed, pitch, "
                 "yaw, power or water level by its name and unit"
             )
+        _log_left_out(path, file, {each.name for each in known.values()})
         if first.times is None or not file.start_ns:
             raise InputError(f"--scada {path}: its rows have no date and time")
         own = list(read_conditions([file], known, turbine))
@@ -321,6 +322,21 @@ def _controller_samples(
         samples += [each for each in own if span_ns[0] - step < each.time_ns < span_ns[1]]
         names += tuple(each.name for each in known.values() if each.name not in names)
     return samples, names
+
+
+def _log_left_out(path: Path, file: MeasurementFile, read: Collection[str]) -> None:
+    """Name the columns of a controller's file that are no field of a SCADA sample."""
+    columns = [
+        f"{name} [{unit}]" if unit else name
+        for name, unit in zip(file.names, file.units, strict=True)
+        if name not in read
+    ]
+    if columns:
+        _log.warning(
+            "--scada %s: left out: %s; one column each is read that is wind, rotor speed, pitch, "
+            "yaw, power or water level by its name and unit",
+            *(path, ", ".join(columns)),
+        )
 
 
 def _span(begin_ns: int, end_ns: int) -> str:

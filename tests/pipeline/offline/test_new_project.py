@@ -234,6 +234,22 @@ def test_local_accelerations_meet_a_controllers_file_in_utc(tmp_path: Path) -> N
     assert not (tmp_path / "other").exists()
 
 
+def test_what_is_left_out_of_a_controllers_file_is_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    record = local_summer_record(tmp_path / "tower.csv")
+    scada = tmp_path / "scada.csv"
+    rows = [f"2025-07-03T12:{m:02d}:00Z;8.5;0.2;17;4" for m in range(60)]
+    titles = "Zeit;Wind [m/s];Rotordrehzahl [1/min];Öltemperatur [°C];Reserve"
+    scada.write_text("\n".join([titles, *rows]), encoding="utf-8")
+    project = start_project(
+        [record], tmp_path / "made", zone="Europe/Berlin", scada=[scada], name="t1"
+    )
+    assert project.conditions == ("Wind", "Rotordrehzahl")
+    (warning,) = (each for each in caplog.messages if "left out" in each)
+    assert "scada.csv: left out: Öltemperatur [°C], Reserve;" in warning
+
+
 def test_small_files_are_joined_by_the_times_in_their_names(
     measurement: Path, tmp_path: Path
 ) -> None:
