@@ -27,7 +27,7 @@ from sensors.files.table import (
     zone_named,
 )
 from sensors.files.text.column_titles import distinct
-from sensors.files.text.columns import log_once
+from sensors.files.text.columns import leave_out_infinite, log_once
 from sensors.files.text.dates import MONTHS, zone_in_title
 from sensors.files.text.time_column import ABSOLUTE, ClockError, TextClock, iso
 
@@ -106,15 +106,19 @@ def join_channels(
         *(in_standard_unit(str(channel.get("unit_str") or "")) for channel in channels),
         strict=True,
     )
-    return ChannelTable(
+    with np.errstate(over="ignore"):  # becomes infinite, and is named as such
+        scaled = samples * np.array(factors)
+    table = ChannelTable(
         names=tuple(channel["name"] for channel in channels),
         units=units,
-        samples=samples * np.array(factors),
+        samples=scaled,
         times=times,
         start_ns=start_ns,
         stated_rate=None if rate is None else float(rate),
         stated_quantities=tuple(_QUANTITIES.get(str(each.get("quantity"))) for each in channels),
     )
+    leave_out_infinite(table, path)
+    return table
 
 
 def _with_names(channels: Sequence[Sep005Channel]) -> list[Sep005Channel]:
