@@ -72,6 +72,8 @@ class NewProject:
     """Description that the scenario names; "none" for modes alone."""
     span_ns: tuple[int, int]
     """Of the record, its first sample and one past its last [ns since 1970-01-01 UTC]."""
+    zone_open: bool
+    """Whether neither the dates nor anything else states a zone: they are taken as UTC."""
 
     @property
     def complete(self) -> bool:
@@ -190,6 +192,7 @@ def start_project(
         tuple(each.name for each in known.values() if conditions) + read,
         named,
         survey.span_ns,
+        _is_zone_open(measurement),
     )
 
 
@@ -225,6 +228,15 @@ def _surveyed(files: Sequence[Path], measurement: Measurement) -> _Survey:
         listed = ", ".join(str(file) for file in files)
         raise InputError(f"{listed}: less than 1 s of samples that are not NaN; nothing to watch")
     return survey
+
+
+def _is_zone_open(measurement: Measurement) -> bool:
+    """Whether a measurement would begin at another time if a zone were stated."""
+    first = measurement.files[0]
+    if first.wanted.time.zone or not first.start_ns:
+        return False
+    elsewhere = dated(first.wanted, TimeColumn(zone="UTC+01:00"))
+    return open_file(first.path, first.reader, elsewhere)[0].start_ns != first.start_ns
 
 
 class _Ends:

@@ -4,7 +4,9 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 from typer.testing import CliRunner
 
 from pipeline.cli import app
@@ -280,3 +282,30 @@ def test_springs_without_a_ratio_are_refused_at_once(measurement: Path, tmp_path
     with pytest.raises(InputError, match="of a tower that only rocks, k11 = 1e12 and k12 = 1e8"):
         start_project([measurement], tmp_path / "mast", structure=str(own))
     assert not (tmp_path / "mast").exists()
+
+
+@pytest.mark.parametrize(
+    ("own_zone", "zone", "begins", "is_open"),
+    [
+        (None, "", 12, True),
+        (None, "Europe/Berlin", 10, False),
+        ("Europe/Berlin", "", 12, False),
+        ("Europe/Berlin", "America/Lima", 12, False),
+        ("UTC", "", 12, False),
+    ],
+)
+def test_a_zone_is_asked_for_only_where_the_dates_have_none(
+    tmp_path: Path, own_zone: str | None, zone: str, begins: int, is_open: bool
+) -> None:
+    noon = np.datetime64("2025-07-03T12:00:00", "us").astype(int)
+    stamps = pa.array((noon + 50_000 * np.arange(2000)).tolist(), pa.timestamp("us", own_zone))
+    samples = np.random.default_rng(2).standard_normal((2, 2000))
+    path = tmp_path / "tower.parquet"
+    table = {"ts": stamps, "LAT097_FA": pa.array(samples[0]), "LAT050_SS": pa.array(samples[1])}
+    parquet.write_table(pa.table(table), path)
+    project = start_project([path], tmp_path / "made", zone=zone)
+    start = np.datetime64(f"2025-07-03T{begins}:00:00", "ns").astype(int)
+    assert (project.span_ns[0], project.zone_open) == (start, is_open)
+    options = ["-o", str(tmp_path / "other"), "--yes", "--zone", zone]
+    printed = CliRunner().invoke(app, ["new", str(path), *options]).output
+    assert ("dates without a zone" in printed) == is_open
