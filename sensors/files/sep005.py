@@ -173,6 +173,19 @@ def list_channels(channels: Sequence[Sep005Channel], path: Path) -> ChannelTable
     )
 
 
+def constant_series(channels: Sequence[Sep005Channel], path: Path) -> tuple[str, ...]:
+    """Return the names of the channels that are one number throughout, or none.
+
+    Raises
+    ------
+    FileError
+        Data that are no series of numbers.
+    """
+    series = [(each["name"], _samples(each, path)) for each in _with_names(channels)]
+    known = [(name, samples[np.isfinite(samples)]) for name, samples in series]
+    return tuple(name for name, each in known if not len(each) or each.min() == each.max())
+
+
 def _with_time(
     channels: Sequence[Sep005Channel], time: TimeColumn, path: Path
 ) -> list[Sep005Channel]:
