@@ -125,7 +125,7 @@ def new(
         )
         return
     number = count_noun(len(project.channels), "channel")
-    output.print(f"{number} at {project.sampling_rate:g} Hz, {_span(project, zone)}:")
+    output.print(f"{number} at {project.sampling_rate:g} Hz, {_span(project)}:")
     for each in project.channels:
         output.print(f"  {escape_markup(each.name)}: {escape_markup(each.reason)}", highlight=False)
     if alike := parallel_channels([] if layout else project.channels):
@@ -202,7 +202,7 @@ def _by_reason(channels: "Iterable[UnusedChannel]") -> str:
     return "; ".join(f"{', '.join(listed)} ({reason})" for reason, listed in names.items())
 
 
-def _span(project: "NewProject", zone: str) -> str:
+def _span(project: "NewProject") -> str:
     """Return when the record begins and how long it is: what a wrong zone or date shows in."""
     from sensors.acquisition.blocks import NANOSECONDS
     from sensors.files.block_builder import FIRST_DAY_NS, moment
@@ -211,7 +211,7 @@ def _span(project: "NewProject", zone: str) -> str:
     seconds = f"{(end - begin) / NANOSECONDS:g} s"
     if begin < FIRST_DAY_NS:
         return f"{seconds} without a date"
-    hint = "" if zone else " (dates without a zone are taken as UTC: --zone)"
+    hint = " (dates without a zone are taken as UTC: --zone)" if project.zone_open else ""
     # stamps of a few digits scatter: 08:59:59.999996 means nine o'clock
     return f"{seconds} from {moment(begin + NANOSECONDS // 1000)[:19]} UTC{hint}"
 

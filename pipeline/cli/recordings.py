@@ -185,15 +185,20 @@ def import_files(
     """
     from pipeline.scenario import load_scenario
     from pipeline.sources.import_files import open_measurement, record_measurement
-    from sensors.files.formats import channels_in
+    from sensors.files.formats import channels_in, constant_channels
     from sensors.files.layout_file import layout_template, load_layout
-    from sensors.files.table import EVERYTHING, TimeColumn, dated
+    from sensors.files.table import EVERYTHING, FileError, TimeColumn, dated
 
     time = TimeColumn(dates=dates, zone=zone)
     if template:
         # a layout may state which column is the time
         everything = replace(dated(EVERYTHING, time), rate_known=True)
-        typer.echo(layout_template(channels_in(files[0], reader, everything)), nl=False)
+        table = channels_in(files[0], reader, everything)
+        try:
+            constant = constant_channels(files[0], reader, everything)
+        except FileError:  # of a column that the layout may leave out
+            constant = ()
+        typer.echo(layout_template(table, constant), nl=False)
         return
     if out is None:
         raise InputError("import needs -o FILE.mcap, the recording to write")

@@ -8,7 +8,7 @@ import logging
 import math
 import re
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,11 +30,12 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import BoolArray
 from sensors.errors import InputError
-from sensors.files.block_builder import moment, open_file
+from sensors.files.block_builder import MeasurementFile, moment, open_file
 from sensors.files.channel_names import GuessedChannel, UnusedChannel
 from sensors.files.conditions import ConditionChannel, condition_channels, read_conditions
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import load_layout
+from sensors.files.repeated_hour import settle_repeated_hour
 from sensors.files.table import (
     EVERYTHING,
     ChannelTable,
@@ -92,8 +93,13 @@ class NewProject:
     """Description that the scenario names; "none" for modes alone."""
     span_ns: tuple[int, int]
     """Of the record, its first sample and one past its last [ns since 1970-01-01 UTC]."""
+<<<<<<< HEAD
     water: ReportedWater | None = None
     """None where no level is reported."""
+=======
+    zone_open: bool
+    """Whether neither the dates nor anything else states a zone: they are taken as UTC."""
+>>>>>>> wt-b1
 
     @property
     def complete(self) -> bool:
@@ -223,7 +229,11 @@ def start_project(
         tuple(each.name for each in known.values() if conditions) + read,
         named,
         survey.span_ns,
+<<<<<<< HEAD
         _reported_water(together, scenario),
+=======
+        _is_zone_open(measurement),
+>>>>>>> wt-b1
     )
 
 
@@ -268,6 +278,15 @@ def _surveyed(files: Sequence[Path], measurement: Measurement) -> _Survey:
         listed = ", ".join(str(file) for file in files)
         raise InputError(f"{listed}: less than 1 s of samples that are not NaN; nothing to watch")
     return survey
+
+
+def _is_zone_open(measurement: Measurement) -> bool:
+    """Whether a measurement would begin at another time if a zone were stated."""
+    first = measurement.files[0]
+    if first.wanted.time.zone or not first.start_ns:
+        return False
+    elsewhere = dated(first.wanted, TimeColumn(zone="UTC+01:00"))
+    return open_file(first.path, first.reader, elsewhere)[0].start_ns != first.start_ns
 
 
 class _Ends:
@@ -343,13 +362,15 @@ def _controller_samples(
     samples: list[ScadaSample] = []
     names: tuple[str, ...] = ()
     for path in files:
-        file, first = open_file(path, None, replace(EVERYTHING, time=time))
+        opened, first = open_file(path, None, replace(EVERYTHING, time=time))
+        (file,) = settle_repeated_hour([opened])
         known = condition_channels(file.names, file.units)
         if not known:
             raise InputError(
                 f"--scada {path}: none of {', '.join(file.names)} is wind, rotor speed, pitch, "
                 "yaw, power or water level by its name and unit"
             )
+        _log_left_out(path, file, {each.name for each in known.values()})
         if first.times is None or not file.start_ns:
             raise InputError(f"--scada {path}: its rows have no date and time")
         own = list(read_conditions([file], known, turbine))
@@ -363,6 +384,21 @@ def _controller_samples(
         samples += [each for each in own if span_ns[0] - step < each.time_ns < span_ns[1]]
         names += tuple(each.name for each in known.values() if each.name not in names)
     return samples, names
+
+
+def _log_left_out(path: Path, file: MeasurementFile, read: Collection[str]) -> None:
+    """Name the columns of a controller's file that are no field of a SCADA sample."""
+    columns = [
+        f"{name} [{unit}]" if unit else name
+        for name, unit in zip(file.names, file.units, strict=True)
+        if name not in read
+    ]
+    if columns:
+        _log.warning(
+            "--scada %s: left out: %s; one column each is read that is wind, rotor speed, pitch, "
+            "yaw, power or water level by its name and unit",
+            *(path, ", ".join(columns)),
+        )
 
 
 def _span(begin_ns: int, end_ns: int) -> str:

@@ -32,6 +32,7 @@ from sensors.files.block_builder import (
 )
 from sensors.files.channel_names import note_unknown_units
 from sensors.files.layout_file import LayoutFile, layout_by_names, load_layout
+from sensors.files.repeated_hour import settle_repeated_hour
 from sensors.files.stated_rate import rate_note, stamped_time
 from sensors.files.table import (
     EVERYTHING,
@@ -125,7 +126,7 @@ def open_measurement(
     if counted:
         wanted = replace(wanted, stamps=False)
         opened = [open_file(path, reader, wanted) for path in paths]
-    files = sort_by_time([file for file, _ in opened])
+    files = sort_by_time(settle_repeated_hour([file for file, _ in opened], sampling_rate))
     first = next(table for file, table in opened if file.path == files[0].path)
     mapping = layout or layout_by_names(first.names, turbine=turbine)
     if mapping is None:

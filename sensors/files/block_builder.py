@@ -26,6 +26,7 @@ from sensors.arrays import FloatArray, IntArray
 from sensors.files.formats import read_chunks
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 from sensors.files.text.columns import log_once
+from sensors.files.text.dates import offset_name, repeated_after_ns
 from sensors.files.text.preamble import start_in_name
 
 GAP = 0.5  # a clock that is so far behind for good has lost a sample [samples]
@@ -182,6 +183,7 @@ def stamp_samples(
             raise FileError(
                 f"{files[number].path} begins at {moment(int(times_ns[0]))}, before "
                 f"{files[last_file].path} ends at {moment(last_ns)}; files must not overlap"
+                f"{_repeated_hour(files[number])}"
             )
         steps = np.diff(times_ns, prepend=times_ns[0] - 1 if last_ns is None else last_ns)
         if (steps <= 0).any():
@@ -194,6 +196,21 @@ def stamp_samples(
         present = ~np.isnan(chunk.samples).all(axis=1)
         if present.any():
             yield StampedSamples(times_ns[present], chunk.samples[present])
+
+
+def _repeated_hour(file: MeasurementFile) -> str:
+    """Return what an overlap may come from, where a local clock shows the file's start twice."""
+    zone = file.wanted.time.zone
+    first_ns = file.start_ns - NANOSECONDS * 3600 * file.wanted.time.second_hour
+    later_ns = repeated_after_ns(first_ns, zone)
+    if not later_ns:
+        return ""
+    first, second = offset_name(first_ns, zone), offset_name(first_ns + later_ns, zone)
+    return (
+        f". Summer time of {zone} ends in that night, and an hour of local time comes twice: "
+        f"import the files before the clock went back with --zone {first}, the others apart with "
+        f"--zone {second}"
+    )
 
 
 def moment(time_ns: int) -> str:

@@ -47,7 +47,10 @@ TRIAXIAL = 3  # channels; of more, a number in every name is no height
 
 _LETTERS = re.compile(r"[A-Za-zÀ-ɏ]+")
 _NUMBERED = re.compile(r"([A-Za-z])\d{1,3}")  # y1, y2, y3
-_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")  # of "WindSpeed" too
+_SMALL, _CAPITAL = "a-zß-öø-ÿ", "A-ZÀ-ÖØ-Þ"
+_WORD = re.compile(  # of "WindSpeed" too
+    rf"[{_CAPITAL}]?[{_SMALL}]+|[{_CAPITAL}]+(?![{_SMALL}])"
+)
 _IN_METRES = re.compile(r"(?<![A-Za-z0-9.,])(-?\d+(?:[.,]\d+)?) ?([mc]?)[mM](?![A-Za-z/])")
 _M_FOR_POINT = re.compile(r"(?<![A-Za-z0-9.,])(\d+)[mM](\d)(?![\dA-Za-z])")  # 16m5: 16.5 m
 _AFTER_LETTERS = re.compile(r"(?<![A-Za-z0-9])(?:[Ll]at|LAT|[zZhH]|el|EL)[ _-]?(-?\d+(?:\.\d+)?)")
@@ -70,9 +73,23 @@ WIND_SPEED = (
     *("windgeschwindigkeit", "windgeschw", "windsnelheid", "vindhastighed", "vindhastighet"),
     *("vindhastigh", "vind", "vent", "viento"),
 )
-ROTOR_SPEED = ("drehzahl", "toerental", "omdrejninger", "omdrejningstal", "turtall", "varvtal")
-POWER = ("leistung", "vermogen", "effekt", "puissance", "potencia")
-WATER_LEVEL = ("wasserstand", "pegel", "waterstand", "vandstand", "vannstand", "vattenstånd")
+ROTOR_SPEED = (
+    *("drehzahl", "toerental", "omdrejninger", "omdrejningstal", "turtall", "varvtal"),
+    *("rotordrehzahl", "rotortoerental", "rotorsnelheid", "rotoromdrejninger", "rotorhastighed"),
+    *("rotoromdrejningstal", "rotorturtall", "rotorvarvtal", "rotorhastighet"),
+)
+PITCH_ANGLE = (
+    *("pitchwinkel", "blattwinkel", "bladhoek", "pitchhoek", "pitchvinkel", "bladvinkel"),
+    *("calage",),
+)
+YAW_ANGLE = (
+    *("gierwinkel", "gondelposition", "gondelrichtung", "gondelausrichtung", "gierhoek"),
+    *("kruihoek", "gondelpositie", "krøjevinkel", "krøjning", "nacelleposition", "lacet"),
+)
+POWER = ("leistung", "wirkleistung", "vermogen", "effekt", "puissance", "potencia")
+WATER_LEVEL = (
+    *("wasserstand", "pegel", "waterstand", "vandstand", "vannstand", "vattenstånd", "marée"),
+)
 
 BENDING = ("biegemoment", "buigmoment", "bøjningsmoment", "effort", "fuerza", "momento")
 
@@ -82,7 +99,10 @@ CONDITIONS = {
     **dict.fromkeys(
         ("rotspeed", "rotorspeed", "genspeed", "rotor", "rpm", *ROTOR_SPEED), "the rotor"
     ),
-    **dict.fromkeys(("pitch", "bldpitch", "azimuth", "yaw", "nacyaw"), "an angle of the turbine"),
+    **dict.fromkeys(
+        ("pitch", "bldpitch", "azimuth", "yaw", "nacyaw", *PITCH_ANGLE, *YAW_ANGLE),
+        "an angle of the turbine",
+    ),
     **dict.fromkeys(("power", "pwr", "genpwr", "torque", *POWER), "power"),
     **dict.fromkeys(
         ("temp", "temperature", "ptemp", "tamb", "humidity", "temperatur"), "the weather"
@@ -102,7 +122,7 @@ CONDITIONS = {
 _UNSURE = {"the logger's supply", "a state", "a load", "constant"}  # may be a motion all the same
 # Units of such quantities; patterns over the unit in lower case without blanks.
 _OTHER_UNIT = re.compile(
-    r"[kmg]?w|rpm|1/min|[kmg]?n|[kmg]?n[-*·]?m|[kmgh]?pa|m?bar|hz|%|(?:deg|°)[\s_]*[cf]|degc|k|"
+    r"[kmg]?w|rpm|(?:1|u|r|tr|t|o|omdr)/min|[kmg]?n|[kmg]?n[-*·]?m|[kmgh]?pa|m?bar|hz|%|(?:deg|°)[\s_]*[cf]|degc|k|"
     r"(?:deg|°|rad)/s|kva"
 )
 

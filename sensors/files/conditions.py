@@ -14,10 +14,12 @@ from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
 from sensors.files.block_builder import MeasurementFile
 from sensors.files.channel_names import (
+    PITCH_ANGLE,
     POWER,
     ROTOR_SPEED,
     WATER_LEVEL,
     WIND_SPEED,
+    YAW_ANGLE,
     words_of,
 )
 from sensors.files.table import ChannelTable, plain_unit
@@ -25,6 +27,7 @@ from sensors.files.table import ChannelTable, plain_unit
 SCADA_PERIOD = 10 * NANOSECONDS  # that one SCADA sample is the mean of [ns]
 TURNING = 2.0  # a rotor that is faster is no parked or idling one [rpm]
 IDLING = 0.1  # a rotor that is slower stands [rpm]
+PER_MINUTE = ("rpm", "1/min", "min-1", "r/min", "u/min", "tr/min", "t/min", "omdr/min", "o/min")
 _UNIT_IN_NAME = {
     **dict.fromkeys(("ms", "mps", "m/s"), "m/s"),
     **{unit: unit for unit in ("kw", "mw", "w", "rpm", "deg", "m")},
@@ -43,10 +46,13 @@ _FIELDS: dict[str, tuple[str, dict[str, float]]] = {
     "wind_speed": (_either("wind", "windspeed", "wspd", "ws", *WIND_SPEED), {"m/s": 1.0}),
     "rotor_speed": (
         _either("rotspeed", "rotorspeed", "rotor", "rpm", *ROTOR_SPEED),
-        {"rpm": 1.0, "1/min": 1.0, "": 1.0},
+        {**dict.fromkeys(PER_MINUTE, 1.0), "": 1.0},
     ),
-    "pitch": ("pitch|bldpitch", {"deg": 1.0, "°": 1.0, "": 1.0}),
-    "yaw": ("yaw|nacyaw|yawpos", {"deg": 1.0, "°": 1.0}),
+    "pitch": (
+        _either("pitch", "bldpitch", *PITCH_ANGLE),
+        {"deg": 1.0, "°": 1.0, "grad": 1.0, "": 1.0},
+    ),
+    "yaw": (_either("yaw", "nacyaw", "yawpos", *YAW_ANGLE), {"deg": 1.0, "°": 1.0, "grad": 1.0}),
     "power": (_either("power", "pwr", "genpwr", *POWER), {"w": 1.0, "kw": 1e3, "mw": 1e6}),
     "water_level": (
         _either("waterlevel", "sealevel", "waveelev", "tide", "level", *WATER_LEVEL),
@@ -77,7 +83,7 @@ def condition_channels(names: Sequence[str], units: Sequence[str]) -> dict[str, 
         words = words_of(name)
         for field, (pattern, factors) in _FIELDS.items():
             known = any(re.fullmatch(pattern, word) for word in words)
-            factor = factors.get(unit.lower().strip() or _unit_in_name(name))
+            factor = factors.get(plain_unit(unit) or _unit_in_name(name))
             if known and factor is not None and not _NOT_A_LEVEL & set(words):
                 found.setdefault(field, ConditionChannel(name, factor))
     return found
@@ -172,5 +178,5 @@ def with_rotor_speed_apart(table: ChannelTable) -> ChannelTable:
 
 
 def _is_rotor_speed(name: str, unit: str) -> bool:
-    in_rpm = plain_unit(unit) in ("rpm", "1/min", "min-1", "r/min")
+    in_rpm = plain_unit(unit) in PER_MINUTE
     return in_rpm and bool(_ROTOR.search(name)) and bool(_SPEED.search(name + unit))

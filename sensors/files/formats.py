@@ -13,6 +13,8 @@ from dataclasses import replace
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
+import numpy as np
+
 from sensors.files.readers.hdf5 import read_hdf5
 from sensors.files.readers.matlab import read_mat
 from sensors.files.readers.miniseed import read_miniseed
@@ -21,7 +23,12 @@ from sensors.files.readers.openfast import read_outb
 from sensors.files.readers.parquet import read_parquet_chunks
 from sensors.files.readers.tdms import read_tdms
 from sensors.files.readers.uff import read_uff
-from sensors.files.sep005 import Sep005Channel, join_channels, list_channels
+from sensors.files.sep005 import (
+    Sep005Channel,
+    constant_series,
+    join_channels,
+    list_channels,
+)
 from sensors.files.table import (
     EVERYTHING,
     ChannelTable,
@@ -144,6 +151,41 @@ def channels_in(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHI
             raise FileError(f"{path}: 0 samples; at least two are needed")
         return replace(first, samples=first.samples[:0], times=None)
     return list_channels(channels, path)
+
+
+def constant_channels(
+    path: Path, reader: str | None = None, wanted: Wanted = EVERYTHING
+) -> tuple[str, ...]:
+    """Return the names of a file's channels that are one number throughout, or none.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file; it is read to its end.
+    reader : str, optional
+        "package.module:function" that gives SEP005 channels; None: the one of its suffix
+        (`read_chunks`).
+    wanted : Wanted, optional
+        What of it is read; everything by default.
+
+    Raises
+    ------
+    FileError
+        As its reader does.
+    """
+    channels = _channels(path, reader)
+    if channels is not None:
+        return constant_series(channels, path)
+    names: tuple[str, ...] = ()
+    lowest = highest = np.empty(0)
+    for chunk in read_chunks(path, reader, wanted):
+        low, high = np.fmin.reduce(chunk.samples), np.fmax.reduce(chunk.samples)
+        lowest = np.fmin(lowest, low) if names else low
+        highest = np.fmax(highest, high) if names else high
+        names = chunk.names
+    # NaN where there is no number at all
+    return tuple(name for name, low, high in zip(names, lowest, highest, strict=True)
+                 if not low < high)  # fmt: skip
 
 
 def _channels(path: Path, reader: str | None) -> list[Sep005Channel] | None:

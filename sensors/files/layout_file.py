@@ -17,7 +17,7 @@ What it lists is taken, in its order; other channels of the measurement are left
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -341,10 +341,17 @@ def layout_by_names(names: Sequence[str], *, turbine: str = "turbine") -> Layout
     return LayoutFile(channels, turbine, "tower", origin="channel names")
 
 
-def layout_template(table: ChannelTable) -> str:
+def layout_template(table: ChannelTable, constant: Collection[str] = ()) -> str:
     """Return a layout file of a measurement's channels, to fill in.
 
     Heights and axes are those that the names state, as in `pilewatch new`.
+
+    Parameters
+    ----------
+    table : ChannelTable
+        Names and units.
+    constant : collection of str
+        Channels that never change: a comment beside them says so.
     """
     from sensors.files.channel_names import guess_channels  # pyarrow: not on a tower unit
 
@@ -358,6 +365,8 @@ def layout_template(table: ChannelTable) -> str:
     some_known = any(each.height_known for each in guessed)
     for each, unit in zip(guessed, table.units, strict=True):
         lines += ["", "[[channels]]", f"name = {toml_string(each.name)}"]
+        if each.name in constant:
+            lines.append("# constant over the file: it measures nothing; delete this channel")
         lines += _place_lines(each, some_known=some_known)
         if unit in _CONVERTED:
             lines.append(f"# unit and sensitivity: the file states {unit}, or what becomes it")

@@ -27,7 +27,7 @@ from sensors.files.table import (
     zone_named,
 )
 from sensors.files.text.column_titles import distinct
-from sensors.files.text.columns import log_once
+from sensors.files.text.columns import leave_out_infinite, log_once
 from sensors.files.text.dates import MONTHS, zone_in_title
 from sensors.files.text.time_column import ABSOLUTE, ClockError, TextClock, iso
 
@@ -106,15 +106,19 @@ def join_channels(
         *(in_standard_unit(str(channel.get("unit_str") or "")) for channel in channels),
         strict=True,
     )
-    return ChannelTable(
+    with np.errstate(over="ignore"):  # becomes infinite, and is named as such
+        scaled = samples * np.array(factors)
+    table = ChannelTable(
         names=tuple(channel["name"] for channel in channels),
         units=units,
-        samples=samples * np.array(factors),
+        samples=scaled,
         times=times,
         start_ns=start_ns,
         stated_rate=None if rate is None else float(rate),
         stated_quantities=tuple(_QUANTITIES.get(str(each.get("quantity"))) for each in channels),
     )
+    leave_out_infinite(table, path)
+    return table
 
 
 def _with_names(channels: Sequence[Sep005Channel]) -> list[Sep005Channel]:
@@ -169,6 +173,19 @@ def list_channels(channels: Sequence[Sep005Channel], path: Path) -> ChannelTable
     )
 
 
+def constant_series(channels: Sequence[Sep005Channel], path: Path) -> tuple[str, ...]:
+    """Return the names of the channels that are one number throughout, or none.
+
+    Raises
+    ------
+    FileError
+        Data that are no series of numbers.
+    """
+    series = [(each["name"], _samples(each, path)) for each in _with_names(channels)]
+    known = [(name, samples[np.isfinite(samples)]) for name, samples in series]
+    return tuple(name for name, each in known if not len(each) or each.min() == each.max())
+
+
 def _with_time(
     channels: Sequence[Sep005Channel], time: TimeColumn, path: Path
 ) -> list[Sep005Channel]:
@@ -180,7 +197,7 @@ def _with_time(
         )
     place = names.index(time.column)
     unit = time.unit or str(channels[place].get("unit_str") or "")
-    clock = TextClock(time.column, unit, time.dates, time.zone)
+    clock = TextClock(time.column, unit, time.dates, time.zone, time.second_hour)
     try:
         seconds = clock.seconds(pa.array(np.asarray(channels[place]["data"])))
     except (ClockError, pa.ArrowException) as error:

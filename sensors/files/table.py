@@ -122,6 +122,10 @@ class TimeColumn:
     zone: str = ""
     """Time zone of dates that state none, such as "Europe/Berlin"; empty: UTC."""
 
+    second_hour: bool = False
+    """Whether a file that begins in the hour that comes twice, as summer time ends, is of the
+    second; False: of the first."""
+
     def __post_init__(self) -> None:
         zone_named(self.zone)
 
@@ -189,6 +193,9 @@ class ChannelTable:
 
     rotor_speed: NDArray[np.float64] | None = None
     """Speed of a wind turbine's rotor, (n_samples,) [rpm], where the file holds it."""
+
+    went_back: bool = False
+    """Whether the file's local clock went back an hour up to the last of these samples."""
 
     def only(self, columns: Sequence[int]) -> "ChannelTable":
         """Return some of the channels, in the order of `columns`."""

@@ -6,7 +6,7 @@ others are channels.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 from pathlib import Path
@@ -37,6 +37,7 @@ ColumnKind = Literal["number", "moment", "date", "time of day", "text", "empty"]
 
 EVEN = 1e-3  # a column that rises by steps so much alike is a clock, relative
 RECORD_NUMBER = "rn"  # "unit" of a record counter, whatever its steps: Campbell's TOA5
+LARGEST = float(np.finfo(np.float32).max)  # of a sample: blocks are of single precision
 FEWEST = 10  # rows that are needed to see that
 
 
@@ -196,7 +197,8 @@ def _counts(column: Column) -> bool:
     """Whether a column numbers the samples."""
     if column.unit.lower() == RECORD_NUMBER:
         return True
-    steps = np.diff(np.asarray(column.first[:FEWEST])) if column.kind == "number" else np.zeros(0)
+    with np.errstate(invalid="ignore"):  # between infinite values
+        steps = np.diff(np.asarray(column.first[:FEWEST] if column.kind == "number" else []))
     counted = bool(len(steps)) and bool((steps == 1).all())
     named = is_number_title(column.name) or not column.titled
     return counted and named and (len(steps) >= FEWEST - 1 or column.titled)
@@ -205,7 +207,10 @@ def _counts(column: Column) -> bool:
 def _is_even_ramp(column: Column) -> bool:
     if column.kind != "number" or len(column.first) < FEWEST:
         return False
-    steps = np.diff(np.asarray(column.first, dtype=np.float64))
+    first = np.asarray(column.first, dtype=np.float64)
+    if not np.isfinite(first).all():
+        return False
+    steps = np.diff(first)
     mean = float(np.mean(steps))
     return bool(mean > 0 and (np.abs(steps - mean) <= EVEN * mean).all())
 
@@ -242,6 +247,8 @@ def convert_batches(
     units, factors = zip(*(in_standard_unit(each.unit) for each in chosen), strict=True)
     names = tuple(each.name for each in chosen)
     seconds = _seconds_of(columns, place, path)
+    named: set[str] = set()
+    rows = 0
     for raw in batches:
         batch = _without_empty_rows(raw) if columns.clock else raw
         if not batch.num_rows:
@@ -249,17 +256,57 @@ def convert_batches(
         numbers = [
             _numbers(batch.column(place[i]), columns.all[i].name, path) for i in columns.channels
         ]
+        with np.errstate(over="ignore"):  # becomes infinite, and is named as such
+            samples = np.column_stack(numbers) * np.array(factors)
         chunk = ChannelTable(
             names=names,
             units=units,
-            samples=np.column_stack(numbers) * np.array(factors),
+            samples=samples,
             times=None,
             stated_rate=columns.rate,
         )
+        named |= leave_out_infinite(chunk, path, rows, named)
+        rows += len(chunk.samples)
         timed = seconds(chunk, batch)
         for sentence in columns.left_out:
             log_once(sentence)
         yield timed
+
+
+def leave_out_infinite(
+    chunk: ChannelTable, path: Path, before: int = 0, named: Collection[str] = ()
+) -> set[str]:
+    """Make NaN of a chunk's infinite samples, in place; return their channels, which are logged.
+
+    Parameters
+    ----------
+    chunk : ChannelTable
+        Some consecutive samples.
+    path : Path
+        Of the file, for messages.
+    before : int
+        Number of the file's samples before this chunk.
+    named : collection of str
+        Channels that need not be logged again.
+
+    Notes
+    -----
+    Numbers that single precision does not hold, as blocks and recordings have it, are infinite.
+    """
+    infinite = np.abs(chunk.samples) > LARGEST
+    if not infinite.any():
+        return set()
+    found = {
+        name: flags for name, flags in zip(chunk.names, infinite.T, strict=True) if flags.any()
+    }
+    for name, flags in found.items():
+        if name not in named:
+            log_once(
+                f"{path}: {name} is infinite, the first time in sample "
+                f"{before + int(np.argmax(flags)) + 1}; infinite samples are taken as missing"
+            )
+    chunk.samples[infinite] = np.nan
+    return set(found)
 
 
 def _without_empty_rows(batch: pa.RecordBatch) -> pa.RecordBatch:
@@ -280,7 +327,7 @@ def _seconds_of(
     unit = titles[0].unit or time_unit(titles[0].name)
     title = " and ".join(each.name for each in titles)
     zone = zone_in_title(f"{title} {titles[0].unit}") or columns.time.zone
-    clock = TextClock(title, unit, columns.time.dates, zone)
+    clock = TextClock(title, unit, columns.time.dates, zone, columns.time.second_hour)
 
     def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
         stamps = [batch.column(place[i]) for i in columns.clock]
@@ -295,7 +342,7 @@ def _seconds_of(
                 "on that night; all times are read as those before it"
             )
         return replace(chunk, times=times, start_ns=clock.start_ns or columns.start_ns,
-                       stated_rate=None)  # fmt: skip
+                       stated_rate=None, went_back=clock.summer_time.went_back)  # fmt: skip
 
     return timed
 

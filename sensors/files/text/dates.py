@@ -69,8 +69,8 @@ class DateError(ValueError):
     """A text that is no time, or an order of day and month that nothing shows."""
 
 
-def zone_offset_ns(local_ns: int, zone: str) -> int:
-    """Return by how much a local time is ahead of UTC [ns]; of an hour that comes twice, the first.
+def zone_offset_ns(local_ns: int, zone: str, *, second: bool = False) -> int:
+    """Return by how much a local time is ahead of UTC [ns].
 
     Parameters
     ----------
@@ -78,8 +78,34 @@ def zone_offset_ns(local_ns: int, zone: str) -> int:
         As written, counted from 1970-01-01 of the local clock [ns].
     zone : str
         Such as "Europe/Berlin"; empty: UTC.
+    second : bool
+        Which of the two an hour is that comes twice, as summer time ends.
     """
     local = datetime.fromtimestamp(local_ns // NANOSECONDS, UTC).replace(tzinfo=zone_named(zone))
+    return _ahead_ns(local.replace(fold=int(second)))
+
+
+def repeated_after_ns(time_ns: int, zone: str) -> int:
+    """Return after how long the local clock shows the time of a moment again [ns]; 0: never.
+
+    Parameters
+    ----------
+    time_ns : int
+        [ns since 1970-01-01 UTC].
+    zone : str
+        Such as "Europe/Berlin"; empty: UTC.
+    """
+    local = datetime.fromtimestamp(time_ns // NANOSECONDS, zone_named(zone))
+    return max(0, _ahead_ns(local) - _ahead_ns(local.replace(fold=1)))
+
+
+def offset_name(time_ns: int, zone: str) -> str:
+    """Return how far a zone is ahead of UTC at a moment, as `zone_named` takes it: "UTC+01:00"."""
+    local = datetime.fromtimestamp(time_ns // NANOSECONDS, zone_named(zone))
+    return f"UTC{local:%z}"[:6] + ":" + f"{local:%z}"[3:5]
+
+
+def _ahead_ns(local: datetime) -> int:
     ahead = local.utcoffset()
     return 0 if ahead is None else round(ahead.total_seconds()) * NANOSECONDS
 
@@ -240,6 +266,9 @@ class SummerTime:
     _added: int = 0
     """To the stamps from the last change on [ns]."""
 
+    went_back: bool = False
+    """Whether one of them was the end of summer time: what is before it came first."""
+
     _last: int | None = None
     _usual: float = 0.0
     """Step between two stamps [ns]."""
@@ -261,6 +290,7 @@ class SummerTime:
         ahead = np.abs(steps - HOUR - self._usual) <= 2 * min(self._usual, NANOSECONDS)
         change = (back | ahead) & _is_changing_night(stamps)
         self.changes_ns += stamps[change].tolist()
+        self.went_back = self.went_back or bool((change & back).any())
         added = self._added + np.cumsum(np.where(change, np.where(back, HOUR, -HOUR), 0))
         self._last, self._added = int(stamps[-1]), int(added[-1])
         return np.asarray(stamps + added, dtype=np.int64)

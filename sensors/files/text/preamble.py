@@ -70,6 +70,7 @@ def start_in_name(name: str, time: TimeColumn = UNSTATED) -> int:
     zone = zone_named("" if utc else time.zone)
     try:
         moment = datetime(*map(int, parts), int(seconds or 0), tzinfo=zone)  # type: ignore[misc, arg-type]
+        moment = moment.replace(fold=int(time.second_hour))
     except ValueError:
         return 0
     return round(moment.timestamp()) * NANOSECONDS
@@ -118,7 +119,8 @@ def stated_start_ns(lines: Sequence[str], time: TimeColumn = UNSTATED) -> int:
         moment = datetime.fromisoformat(found["moment"] + (found["zone"] or ""))
     except ValueError:
         return 0
-    aware = moment if moment.tzinfo else moment.replace(tzinfo=zone_named(_zone(found, time)))
+    zone, fold = zone_named(_zone(found, time)), int(time.second_hour)
+    aware = moment if moment.tzinfo else moment.replace(tzinfo=zone, fold=fold)
     part = (found["part"] or ".")[1:]
     return round(aware.timestamp()) * NANOSECONDS + int(f"{part:0<9}"[:9])
 
@@ -137,7 +139,7 @@ def _other_start_ns(lines: Sequence[str], time: TimeColumn) -> int:
     text = found["moment"]
     try:
         local = int(DateStyle.of([text], time.dates).nanoseconds(pa.array([text]))[0])
-        return local - zone_offset_ns(local, _zone(found, time))
+        return local - zone_offset_ns(local, _zone(found, time), second=time.second_hour)
     except DateError as error:
         log_once(f"the start of the measurement is left out; {error}")
     except pa.ArrowInvalid:

@@ -162,6 +162,9 @@ class TextClock:
     unit: str = ""
     dates: DateOrder | None = None
     zone: str = ""
+    second: bool = False
+    """Whether a first stamp in an hour that comes twice is of the second, not of the first."""
+
     start_ns: int = 0
     """The file's first stamp [ns since 1970]; 0 where it counts from a start."""
 
@@ -194,7 +197,10 @@ class TextClock:
         if pa.types.is_string(kind) or pa.types.is_large_string(kind):
             seconds = self._of_texts(column.cast(pa.string()))
         elif pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-            seconds = self._of_nanoseconds(_nanoseconds(column, pa.timestamp("ns")), dated=True)
+            stamps = _nanoseconds(column, pa.timestamp("ns"))
+            if self.zone and (pa.types.is_date(kind) or kind.tz is None):
+                stamps = self._in_utc(stamps)
+            seconds = self._of_nanoseconds(stamps, dated=True)
         elif pa.types.is_duration(kind) or pa.types.is_time(kind):
             join_chunks = pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
             seconds = self._of_nanoseconds(_nanoseconds(column, join_chunks), dated=False)
@@ -221,10 +227,7 @@ class TextClock:
             if not self._style.dated:
                 stamps = self._midnights.continuous(stamps)
             elif not self._style.zoned:
-                stamps = self.summer_time.continuous(stamps)
-                if self._ahead is None:
-                    self._ahead = zone_offset_ns(int(stamps[0]), self.zone)
-                stamps = stamps - self._ahead
+                stamps = self._in_utc(stamps)
             return self._of_nanoseconds(stamps, dated=self._style.dated)
         except DateError as error:
             raise ClockError(f"has {error}") from error
@@ -234,6 +237,13 @@ class TextClock:
                 f"has {texts[odd].as_py()!r} in sample {self._rows + odd + 1}; a time is needed: a "
                 "number, or 2024-12-31T23:59:59.5, alike in every row"
             ) from error
+
+    def _in_utc(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return stamps of local time, (n,) [ns], in UTC."""
+        local = self.summer_time.continuous(stamps)
+        if self._ahead is None:
+            self._ahead = zone_offset_ns(int(local[0]), self.zone, second=self.second)
+        return local - self._ahead
 
     def _of_nanoseconds(self, stamps: NDArray[np.int64], *, dated: bool) -> FloatArray:
         if self._first is None:

@@ -4,7 +4,9 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 from typer.testing import CliRunner
 
 from pipeline.cli import app
@@ -244,6 +246,7 @@ def test_local_accelerations_meet_a_controllers_file_in_utc(tmp_path: Path) -> N
     assert not (tmp_path / "other").exists()
 
 
+<<<<<<< HEAD
 def test_levels_of_a_gauge_with_another_zero_are_doubted_until_the_zero_is_stated(
     tmp_path: Path,
 ) -> None:
@@ -263,6 +266,22 @@ def test_levels_of_a_gauge_with_another_zero_are_doubted_until_the_zero_is_state
     assert found == pytest.approx((0.1, -0.3, 0.5, 0.0))
     samples = list(read_messages(mean.recording, (ScadaSample,)))
     assert [each.water_level for each in samples] == pytest.approx([-0.3, -0.1, 0.1, 0.3, 0.5])
+=======
+def test_what_is_left_out_of_a_controllers_file_is_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    record = local_summer_record(tmp_path / "tower.csv")
+    scada = tmp_path / "scada.csv"
+    rows = [f"2025-07-03T12:{m:02d}:00Z;8.5;0.2;17;4" for m in range(60)]
+    titles = "Zeit;Wind [m/s];Rotordrehzahl [1/min];Öltemperatur [°C];Reserve"
+    scada.write_text("\n".join([titles, *rows]), encoding="utf-8")
+    project = start_project(
+        [record], tmp_path / "made", zone="Europe/Berlin", scada=[scada], name="t1"
+    )
+    assert project.conditions == ("Wind", "Rotordrehzahl")
+    (warning,) = (each for each in caplog.messages if "left out" in each)
+    assert "scada.csv: left out: Öltemperatur [°C], Reserve;" in warning
+>>>>>>> wt-b1
 
 
 def test_small_files_are_joined_by_the_times_in_their_names(
@@ -295,3 +314,30 @@ def test_springs_without_a_ratio_are_refused_at_once(measurement: Path, tmp_path
     with pytest.raises(InputError, match="of a tower that only rocks, k11 = 1e12 and k12 = 1e8"):
         start_project([measurement], tmp_path / "mast", structure=str(own))
     assert not (tmp_path / "mast").exists()
+
+
+@pytest.mark.parametrize(
+    ("own_zone", "zone", "begins", "is_open"),
+    [
+        (None, "", 12, True),
+        (None, "Europe/Berlin", 10, False),
+        ("Europe/Berlin", "", 12, False),
+        ("Europe/Berlin", "America/Lima", 12, False),
+        ("UTC", "", 12, False),
+    ],
+)
+def test_a_zone_is_asked_for_only_where_the_dates_have_none(
+    tmp_path: Path, own_zone: str | None, zone: str, begins: int, is_open: bool
+) -> None:
+    noon = np.datetime64("2025-07-03T12:00:00", "us").astype(int)
+    stamps = pa.array((noon + 50_000 * np.arange(2000)).tolist(), pa.timestamp("us", own_zone))
+    samples = np.random.default_rng(2).standard_normal((2, 2000))
+    path = tmp_path / "tower.parquet"
+    table = {"ts": stamps, "LAT097_FA": pa.array(samples[0]), "LAT050_SS": pa.array(samples[1])}
+    parquet.write_table(pa.table(table), path)
+    project = start_project([path], tmp_path / "made", zone=zone)
+    start = np.datetime64(f"2025-07-03T{begins}:00:00", "ns").astype(int)
+    assert (project.span_ns[0], project.zone_open) == (start, is_open)
+    options = ["-o", str(tmp_path / "other"), "--yes", "--zone", zone]
+    printed = CliRunner().invoke(app, ["new", str(path), *options]).output
+    assert ("dates without a zone" in printed) == is_open

@@ -306,6 +306,30 @@ def test_the_template_is_a_layout_that_can_be_filled_in(tmp_path: Path) -> None:
     assert [channel.name for channel in layout.channels] == ["A", "B"]
 
 
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+def test_the_template_marks_channels_that_are_constant(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a.{suffix}"
+    dead = np.where(np.arange(1234) < 7, np.nan, 0.0)
+    if suffix == "npz":
+        np.savez(path, A=SAMPLES[:, 0], Reserve=dead, fs=RATE)
+    else:
+        table = np.column_stack([np.arange(1234) / RATE, SAMPLES[:, 0], dead])
+        rows = "".join(f"{time},{a},{b}\n" for time, a, b in table.tolist())
+        written(path, "t,A,Reserve\n" + rows)
+    printed = CliRunner().invoke(app, ["import", str(path), "--template"])
+    first, second = printed.stdout.split("[[channels]]")[1:]
+    assert "# constant over the file" not in first
+    assert 'name = "Reserve"\n# constant over the file' in second
+
+
+def test_a_template_is_printed_of_a_file_that_cannot_be_read_to_its_end(tmp_path: Path) -> None:
+    rows = "".join(f"{i / RATE},{i % 7},1\n" for i in range(600_000))
+    path = written(tmp_path / "a.csv", "t,A,B\n" + rows + "15000,1,broken\n")
+    printed = CliRunner().invoke(app, ["import", str(path), "--template"])
+    assert printed.exit_code == 0
+    assert 'name = "B"' in printed.stdout
+
+
 def test_the_template_has_the_heights_and_axes_that_names_state(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", "t,85m_FA [g],85m_SS,ch\n0,1,2,3\n1,1,2,4\n2,1,3,2\n")
     printed = layout_template(channels_in(path))

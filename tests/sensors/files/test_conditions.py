@@ -39,6 +39,32 @@ def test_fields_are_found_in_other_languages_too(names: tuple[str, ...]) -> None
     assert all(other_quantity(name, "") for name in names)
 
 
+@pytest.mark.parametrize("unit", ["1/min", "rpm", "U/min", "min⁻¹", "min^-1", "tr/min", ""])
+def test_a_rotor_speed_is_found_in_any_unit_of_turns_a_minute(unit: str) -> None:
+    assert set(condition_channels(("Rotordrehzahl",), (unit,))) == {"rotor_speed"}
+    assert other_quantity("Rotordrehzahl", unit)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "pitch"),
+    [
+        ("Gierwinkel", "Blattwinkel"),
+        ("Gondelposition", "Pitchwinkel Blatt 1"),
+        ("Gierhoek", "Bladhoek"),
+        ("Krøjevinkel", "Pitchvinkel"),
+        ("Angle de lacet", "Angle de calage"),
+    ],
+)
+def test_angles_of_the_turbine_are_found_in_other_languages(yaw: str, pitch: str) -> None:
+    found = condition_channels(("Wind", yaw, pitch), ("m/s", "°", "deg"))
+    assert {field: each.name for field, each in found.items()} == {
+        "wind_speed": "Wind",
+        "yaw": yaw,
+        "pitch": pitch,
+    }
+    assert other_quantity(yaw, "°") == other_quantity(pitch, "") == "an angle of the turbine"
+
+
 def test_samples_are_means_of_ten_seconds_and_the_rest_is_unknown(tmp_path: Path) -> None:
     path = tmp_path / "tower.csv"
     times = np.arange(400) / 20
