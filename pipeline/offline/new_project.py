@@ -93,13 +93,10 @@ class NewProject:
     """Description that the scenario names; "none" for modes alone."""
     span_ns: tuple[int, int]
     """Of the record, its first sample and one past its last [ns since 1970-01-01 UTC]."""
-<<<<<<< HEAD
-    water: ReportedWater | None = None
-    """None where no level is reported."""
-=======
     zone_open: bool
     """Whether neither the dates nor anything else states a zone: they are taken as UTC."""
->>>>>>> wt-b1
+    water: ReportedWater | None = None
+    """None where no level is reported."""
 
     @property
     def complete(self) -> bool:
@@ -229,11 +226,8 @@ def start_project(
         tuple(each.name for each in known.values() if conditions) + read,
         named,
         survey.span_ns,
-<<<<<<< HEAD
-        _reported_water(together, scenario),
-=======
         _is_zone_open(measurement),
->>>>>>> wt-b1
+        _reported_water(together, scenario),
     )
 
 

@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 
 STOPPED = {"recording-stopped", "recording-resumed"}  # codes of warnings
 SUMMARIES = "summary*.json"  # those of earlier sessions, which have their date, among them
-UnitSession = tuple[str, str, str]  # turbine, unit, session
+_Session = tuple[str, str, str]  # turbine, unit, session
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class StoppedRun:
 
     path: Path
     """Of the summary."""
-    received: dict[UnitSession, int]
+    received: dict[_Session, int]
     """Different blocks that arrived."""
     identified: dict[str, int]
     """Windows that were identified, by turbine."""
@@ -59,7 +59,7 @@ def stopped_runs(folder: Path) -> Iterator[StoppedRun]:
 
 
 def _stopped_run(path: Path, books: Json) -> StoppedRun:
-    received: dict[UnitSession, int] = {}
+    received: dict[_Session, int] = {}
     for unit in books["units"]:
         key = (str(unit["turbine"]), str(unit["unit"]), str(unit["session"]))
         received[key] = received.get(key, 0) + int(unit["recorded"])

@@ -45,7 +45,6 @@ from pipeline.recording.rotation import (
 )
 from pipeline.recording.settings import RecordingSettings
 from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata, Recorder
-from pipeline.state.phrases import count_noun
 from pipeline.streams import key_of, stream_of
 from pipeline.transport.arrival_clocks import ArrivalClocks
 from pipeline.transport.codec import encode
@@ -187,9 +186,7 @@ class SessionRecorder:
         if not self._resumed or self._recorder is None:
             return found
         missing = (
-            f"{count_noun(self.lost, 'block')} {'is' if self.lost == 1 else 'are'} not recorded"
-            if self.lost
-            else "no block is missing"
+            f"blocks that are not recorded: {self.lost}" if self.lost else "no block is missing"
         )
         text = f"recording goes on after it had stopped: {missing}"
         return (*found, QualityWarning("recording-resumed", text))

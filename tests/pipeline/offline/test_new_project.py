@@ -246,7 +246,6 @@ def test_local_accelerations_meet_a_controllers_file_in_utc(tmp_path: Path) -> N
     assert not (tmp_path / "other").exists()
 
 
-<<<<<<< HEAD
 def test_levels_of_a_gauge_with_another_zero_are_doubted_until_the_zero_is_stated(
     tmp_path: Path,
 ) -> None:
@@ -266,7 +265,8 @@ def test_levels_of_a_gauge_with_another_zero_are_doubted_until_the_zero_is_state
     assert found == pytest.approx((0.1, -0.3, 0.5, 0.0))
     samples = list(read_messages(mean.recording, (ScadaSample,)))
     assert [each.water_level for each in samples] == pytest.approx([-0.3, -0.1, 0.1, 0.3, 0.5])
-=======
+
+
 def test_what_is_left_out_of_a_controllers_file_is_named(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -281,7 +281,6 @@ def test_what_is_left_out_of_a_controllers_file_is_named(
     assert project.conditions == ("Wind", "Rotordrehzahl")
     (warning,) = (each for each in caplog.messages if "left out" in each)
     assert "scada.csv: left out: Öltemperatur [°C], Reserve;" in warning
->>>>>>> wt-b1
 
 
 def test_small_files_are_joined_by_the_times_in_their_names(
