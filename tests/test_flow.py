@@ -12,7 +12,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from pipeline.messages import FoundationPosterior, ModalEstimate
+from pipeline.messages import FoundationPosterior, ModalEstimate, WindowRejected
 from pipeline.offline.measured_file import recorded_channels
 from pipeline.recording.reader import read_messages
 from pipeline.run.options import SessionOptions, Way
@@ -174,6 +174,8 @@ def test_two_units_give_the_same_posterior_in_lock_step_over_zenoh_and_replayed(
         session_of(tmp_path / "threads" / "session.mcap", tmp_path / "again")
     (reference,) = posteriors(tmp_path / "lock-step")
     for folder in ("threads", "again"):
+        refused = read_messages(tmp_path / folder / "session.mcap", (WindowRejected,))
+        assert [each.code for each in refused] == ["short"], folder
         (posterior,) = posteriors(tmp_path / folder)
         np.testing.assert_array_equal(posterior.draws, reference.draws)
     (estimate,) = read_messages(tmp_path / "threads" / "session.mcap", (ModalEstimate,))
