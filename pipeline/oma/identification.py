@@ -198,9 +198,10 @@ def _of_samples(
 
 
 def _no_vibration(error: Exception) -> QualityWarning:
+    what, *_ = str(error).split(". ")
     return QualityWarning(
         NO_VIBRATION,
-        f"no vibration has such samples ({error}): values beyond any sensor's range, channels that "
+        f"no vibration has such samples ({what}): values beyond any sensor's range, channels that "
         "are all one pure tone, or a step or a curve a million times as large as the motion",
     )
 

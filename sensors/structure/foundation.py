@@ -33,7 +33,8 @@ PILE_SHAPES = (
 )
 """Of piles on beds of springs that grow with the depth to the power 0, ½, 1, 1½ and 2:
 k12² / (k11 k22), then M11 / mℓ, |M12| / mℓ² and M22 / mℓ³ [-]. The first is the closed form of the
-semi-infinite beam on an even bed, (½, 3√2/4, ½, √2/4); the others are by finite elements."""
+semi-infinite beam on an even bed, (½, 3√2/4, ½, √2/4), by the deflections of M. Hetényi, "Beams on
+Elastic Foundation", 1946; the others are by finite elements."""
 SPRING_SIGNS: tuple[SpringSign, ...] = get_args(SpringSign)
 
 
@@ -99,7 +100,8 @@ class FoundationSprings:
         Notes
         -----
         That of a long pile which follows the mudline as at rest, on a bed of springs that grows
-        with a power of the depth. Which one is read off k12² / (k11 k22), with ℓ² = k22 / k11.
+        with a power of the depth (`PILE_SHAPES`). Which one is read off k12² / (k11 k22), with
+        ℓ² = k22 / k11, of the springs as described: it stays where the posterior's are others.
         """
         length = np.sqrt(self.k22 / self.k11)
         coupling = self.k12**2 / (self.k11 * self.k22)
