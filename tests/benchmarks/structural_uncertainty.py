@@ -181,6 +181,11 @@ def outcome(case: Case, sign: SpringSign, inference: JointInference) -> Outcome 
 def measured(case: Case, sign: SpringSign, rng: np.random.Generator) -> tuple[Truth, ModalEvidence]:
     """Draw a set: what is true, and the evidence of its windows."""
     truth = _truth(case, sign, rng)
+    return truth, evidence_of(truth, case, rng)
+
+
+def evidence_of(truth: Truth, case: Case, rng: np.random.Generator) -> ModalEvidence:
+    """Draw what the windows of a case show of a structure."""
     if case.figures is None:
         case = replace(case, faults=(*misplaced(case.seed, case.beyond), *case.faults))
     known = case.level_std <= 0.1
@@ -201,7 +206,7 @@ def measured(case: Case, sign: SpringSign, rng: np.random.Generator) -> tuple[Tr
     for estimate in modal:
         low = tuple(mode for mode in estimate.modes if mode.frequency <= case.highest_frequency)
         evidence = evidence.with_estimate(replace(estimate, modes=low))
-    return truth, evidence
+    return evidence
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from tests.outside.instruments import Instruments, SensorFault, instruments
 from tests.outside.loads import STRONG, Loads, modal_force_spectrum
 from tests.outside.model import HIGHEST_FREQUENCY as COMPUTED_FREQUENCY
 from tests.outside.model import NOMINAL, Description, Modes, SpringSign, assemble
+from tests.outside.piles import Pile, modes_on
 
 LOWEST, HIGHEST = 0.8, 1.25  # true stiffness / nominal in `drawn_truth` [-]
 DAMPING = 0.007  # ζ of every mode [-]
@@ -52,6 +53,8 @@ class Truth:
     sign: SpringSign = "published"
     description: Description | None = None
     """None: uniform tubes and blade lengths."""
+    pile: Pile | None = None
+    """What the springs stand for; None: the structure stands on the springs."""
 
     def modes(
         self, level: float | None = None, *, highest_frequency: float = COMPUTED_FREQUENCY
@@ -59,6 +62,8 @@ class Truth:
         """Its modes; in water of another level above the mean [m]."""
         figures = self.figures if level is None else self.figures.with_level(level)
         structure = assemble(figures, self.description)
+        if self.pile is not None:
+            return modes_on(self.pile, structure, highest_frequency)
         return structure.modes(self.theta, self.sign, highest_frequency)
 
 
