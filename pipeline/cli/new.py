@@ -311,7 +311,7 @@ def _structure_line(described: Path) -> str:
     turbine = load_turbine(described)
     water = "no water" if turbine.water is None else f"water to {turbine.water.level:g} m"
     stated = turbine.foundation.moving_mass
-    pile = "" if stated else "; no mass of a pile below (moving_mass)"
+    pile = "" if stated is not None else "; no mass of a pile below (moving_mass)"
     return (
         f"Structure: springs at {turbine.mudline:g} m, {water}, tower top at "
         f"{turbine.tower_top:g} m{pile}"

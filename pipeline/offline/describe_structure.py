@@ -97,7 +97,7 @@ class StructureFigures:
     @property
     def _moving_mass(self) -> str:
         stated, lowest = self.description.foundation.moving_mass, self.description.tubes[0]
-        if stated:
+        if stated is not None:
             return f"{stated / 1e3:,.3g} t/m"
         return f"none stated; the lowest tube's steel has {lowest.mass_per_length / 1e3:,.3g} t/m"
 

@@ -113,7 +113,7 @@ def _transition_piece(turbine: TurbineDescription, departure: float) -> TurbineD
 
 def _pile_mass(turbine: TurbineDescription, departure: float) -> TurbineDescription:
     foundation = turbine.foundation
-    heavier = replace(foundation, moving_mass=foundation.moving_mass * (1 + departure))
+    heavier = replace(foundation, moving_mass=(foundation.moving_mass or 0.0) * (1 + departure))
     return replace(turbine, foundation=heavier)
 
 
@@ -220,7 +220,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "pile_mass", "mass of pile and soil that moves below the mudline", "-", 0.3, "normal",
         f"what part of the soil moves with the pile: {JUDGEMENT}", _pile_mass,
-        lambda turbine: turbine.foundation.moving_mass > 0,
+        lambda turbine: bool(turbine.foundation.moving_mass),
     ),
 )  # fmt: skip
 BY_NAME: Mapping[str, Figure] = {figure.name: figure for figure in FIGURES}

@@ -59,15 +59,16 @@ class FoundationSprings:
     """"published": +k12 on (v, +dv/dz); "embedded-pile": −k12."""
     embedded_length: float = 0.0
     """Embedded length of the pile below the mudline; 0: unknown [m]."""
-    moving_mass: float = 0.0
-    """Mass of the pile, and of the soil that moves with it, per metre below the mudline [kg/m]."""
+    moving_mass: float | None = None
+    """Mass of the pile, and of the soil that moves with it, per metre below the mudline [kg/m];
+    None: not stated, and calculated as none."""
 
     def __post_init__(self) -> None:
         if not self.embedded_length >= 0:
             raise TurbineError(
                 f"foundation: embedded_length is {self.embedded_length:g} m; it must be positive"
             )
-        if not 0 <= self.moving_mass < MOST_MOVING_MASS:
+        if self.moving_mass is not None and not 0 <= self.moving_mass < MOST_MOVING_MASS:
             raise TurbineError(
                 f"foundation: moving_mass is {self.moving_mass:g} kg/m; a pile and the soil in it "
                 f"have up to {MOST_MOVING_MASS:g} kg/m"
@@ -109,7 +110,7 @@ class FoundationSprings:
         m11, m12, m22 = (float(np.interp(coupling, by_coupling, column)) for column in columns)
         m12 *= length**2 * (1 if self.sign == "published" else -1)
         shape = np.array([[m11 * length, m12], [m12, m22 * length**3]])
-        return np.asarray(self.moving_mass * shape)
+        return np.asarray((self.moving_mass or 0.0) * shape)
 
 
 def positive_definite(theta: ArrayLike) -> NDArray[np.bool_]:

@@ -40,6 +40,7 @@ from pipeline.updating.structural.refresh import JointRefresh
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.figures import LEVEL
+from sensors.structure.foundation import FoundationSprings
 
 SAMPLER = "laplace"
 WORTH_NAMING = 0.02  # share of a spring's variance from which a figure stands in the budget [-]
@@ -105,7 +106,12 @@ def joint_message(
         paired_share=comparison.pairing.paired_share,
         pairing_cost=comparison.pairing.cost,
         trusted=not doubts,
-        warnings=(*doubts, *_misfits(pairs, found), *unidentified_springs(parameters, guards)),
+        warnings=(
+            *doubts,
+            *_misfits(pairs, found),
+            *unidentified_springs(parameters, guards),
+            *_unstated_mass(best.fit.model.described.foundation),
+        ),
         figures=_figures(found),
         structure=UNCERTAIN_STRUCTURE,
         budget=_budget(found),
@@ -193,6 +199,19 @@ def _misfits(pairs: tuple[ModePair, ...], found: JointRefresh) -> tuple[QualityW
         )
         for pair, p in zip(pairs, found.checks.p_values, strict=True)
         if p < UNPREDICTED
+    )
+
+
+def _unstated_mass(foundation: FoundationSprings) -> tuple[QualityWarning, ...]:
+    """Of a pile: springs have no mass, and nothing says whether the pile's is to be counted."""
+    if foundation.sign != "embedded-pile" or foundation.moving_mass is not None:
+        return ()
+    return (
+        QualityWarning(
+            "pile-mass",
+            "the description states no moving_mass under [foundation]: a real pile's mass makes "
+            "these springs too low (0: the foundation has none)",
+        ),
     )
 
 

@@ -5,9 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pipeline.updating.structural.joint_message import HALF_NORMAL_90, NORMAL_90, _figures
+from pipeline.updating.structural.joint_message import (
+    HALF_NORMAL_90,
+    NORMAL_90,
+    _figures,
+    _unstated_mass,
+)
 from pipeline.updating.structural.prior import UncertainFigure
 from pipeline.updating.structural.sensors.figures import SensorFigure
+from sensors.structure.foundation import FoundationSprings, SpringSign
 
 
 def test_figures_level_and_sensors_stand_in_their_units_narrowed_against_their_priors() -> None:
@@ -40,3 +46,19 @@ def test_figures_level_and_sensors_stand_in_their_units_narrowed_against_their_p
     assert piece.contraction == pytest.approx(1 - 0.9 * 1.645 / HALF_NORMAL_90, abs=1e-3)
     assert pytest.approx(2 * 1.6449, abs=1e-4) == NORMAL_90
     assert pytest.approx(1.95996 - 0.06271, abs=1e-4) == HALF_NORMAL_90
+
+
+@pytest.mark.parametrize(
+    ("sign", "moving_mass", "codes"),
+    [
+        ("embedded-pile", None, ["pile-mass"]),
+        ("embedded-pile", 0.0, []),
+        ("embedded-pile", 2e4, []),
+        ("published", None, []),
+    ],
+)
+def test_a_pile_whose_mass_nobody_stated_is_warned_of(
+    sign: SpringSign, moving_mass: float | None, codes: list[str]
+) -> None:
+    foundation = FoundationSprings(1e10, 8e11, 6e10, sign, moving_mass=moving_mass)
+    assert [warning.code for warning in _unstated_mass(foundation)] == codes
