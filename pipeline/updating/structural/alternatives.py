@@ -253,7 +253,10 @@ class JointInference:
         if _least_cost(found) <= LARGEST_COST:
             found += _ends(alike, evidence, warm, beside=found)
             alike = []
-        peaks = _improved(found, evidence, warm)
+        if self._has_the_other_sign(found, evidence):
+            peaks = _not_lost(found)  # no start finds a valley of the described sign
+        else:
+            peaks = _improved(found, evidence, warm)
         if _least_cost(peaks) <= LARGEST_COST:  # further starts have found the valley
             ends = _ends(alike, evidence, warm, beside=found, start=peaks[0][2].u)
             peaks += _improved(ends, evidence, warm, known=peaks[0][2].u)
@@ -290,15 +293,10 @@ class JointInference:
     def weight_of_other_sign(self, best: FittedAlternative, evidence: ModalEvidence) -> float:
         """Posterior probability of springs of the other sign against the best alternative's [-]; 0
         where the data hold the described coupling."""
-        coordinates = best.fit.coordinates
-        k11, k22, k12 = coordinates.springs(best.peak.u) / coordinates.nominal
-        if self._other_sign is None or k12**2 >= LEAST_COUPLING * k11 * k22:
+        mirrored = self.of_other_sign(best.alternative, best.fit, best.peak, evidence)
+        if mirrored is None:
             return 0.0
-        fit = self._other_sign(best.alternative.name).with_level_std(coordinates.level_std)
-        fit = fit.with_tolerance(best.fit.tolerance)
-        end = fit.best(evidence, most_starts=FEW_STARTS)
-        if end is None:
-            return 0.0
+        fit, end = mirrored
         described = replace(best.alternative, probability=1 - OTHER_SIGN)
         other = replace(best.alternative, probability=OTHER_SIGN)
         found = [
@@ -306,6 +304,28 @@ class JointInference:
             (other, fit, *self._with_discrepancy(fit, evidence, end)),
         ]
         return self._weights(found, evidence)[1]
+
+    def _has_the_other_sign(self, ends: Sequence[_End], evidence: ModalEvidence) -> bool:
+        """Whether no alternative is good, and the best one is with springs of the other sign."""
+        best = min(ends, key=lambda one: one[2].excess, default=None)
+        if best is None or best[2].relative_cost <= best[1].settings.good_cost:
+            return False
+        mirrored = self.of_other_sign(*best, evidence)
+        return mirrored is not None and mirrored[1].relative_cost <= best[1].settings.good_cost
+
+    def of_other_sign(
+        self, alternative: Alternative, fit: JointFit, peak: JointPeak, evidence: ModalEvidence
+    ) -> tuple[JointFit, JointPeak] | None:
+        """An alternative with springs of the other sign, and where it ends; None where the data
+        hold the described coupling, or nothing can be compared."""
+        coordinates = fit.coordinates
+        k11, k22, k12 = coordinates.springs(peak.u) / coordinates.nominal
+        if self._other_sign is None or k12**2 >= LEAST_COUPLING * k11 * k22:
+            return None
+        mirrored = self._other_sign(alternative.name).with_level_std(coordinates.level_std)
+        mirrored = mirrored.with_tolerance(fit.tolerance)
+        end = mirrored.best(evidence, most_starts=FEW_STARTS)
+        return None if end is None else (mirrored, end)
 
     def _posterior(self, peak: JointPeak, fit: JointFit) -> JointPosterior:
         return joint_posterior(

@@ -354,15 +354,21 @@ def _with_a_fault(
     """The attempt with the fault of a sensor that explains most; as it was for none.
 
     First all sensors turned alike and wrong cables, which no fit is needed to tell; then one sensor
-    without which the others fit; then what fits best from the peak.
+    without which the others fit; then what fits best from the peak. Where springs of the other sign
+    explain the sensors as they are, no single one is looked for.
     """
     fine = attempt.result.best.fit.with_tolerance(FINEST_TOLERANCE)
     angles = likely_angles(fine, attempt.evidence, attempt.result.best.peak)
     likely = [(fault.name, size) for fault, size in turned_by(fine, angles)]
     likely += [(fault.name, 0.0) for fault in likely_wirings(fine, attempt.evidence)]
     found = _with_likely_fault(inference, measured, attempt, likely, level_std=level_std)
-    if found.fault is None:
-        found = _with_blamed_sensor(inference, measured, attempt, level_std=level_std)
+    if found.fault is not None:
+        return found
+    best = attempt.result.best
+    mirrored = inference.of_other_sign(best.alternative, best.fit, best.peak, attempt.evidence)
+    if mirrored is not None and not suspicious(*mirrored):
+        return found
+    found = _with_blamed_sensor(inference, measured, attempt, level_std=level_std)
     if found.fault is None and not attempt.fits_nothing(guards):
         found = _with_sensor_fault(inference, measured, attempt, level_std=level_std, last=last)
     return found

@@ -110,8 +110,18 @@ def test_a_flooded_monopile_is_recognised(inference: JointInference) -> None:
     assert found.best.weight > 0.99
 
 
-def test_springs_of_the_other_sign_are_named(dry_bending: JointInference) -> None:
-    """A coupling that has left the data, so that no interval of k12 is of any use."""
+def test_springs_of_the_other_sign_are_named(
+    dry_bending: JointInference, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A coupling that has left the data, so that no interval of k12 is of any use; they explain
+    the sensors, so that none is looked for that is wrong."""
+
+    def searched(*_: Any, **__: Any) -> Any:
+        raise AssertionError("looked for one wrong sensor")
+
+    refresh = "pipeline.updating.structural.refresh"
+    monkeypatch.setattr(f"{refresh}._Attempt.calls_for_a_fault", lambda *_: True)
+    monkeypatch.setattr(f"{refresh}._with_blamed_sensor", searched)
     truth = replace(truth_of(12), sign="embedded-pile")
     found = refreshed(dry_bending, truth, 12)
     (doubt,) = (each for each in distrust(found, SETTINGS.guards) if each.code == "springs-sign")
