@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.outside.model import assemble, converged
+from tests.benchmarks.piles import STEEL, drawn_pile
+from tests.outside.model import NOMINAL, assemble, converged
 from tests.outside.piles import Pile, modes_on
 
 RIGIDITY = 4.46e12  # of a tube of 10 m with a wall of 55 mm [N·m²]
@@ -39,3 +40,13 @@ def test_mass_lowers_every_mode_that_moves_the_mudline() -> None:
     lowest = heavy[light < 8]
     assert (lowest < light[light < 8] * (1 + 1e-9)).all()
     assert (lowest / light[light < 8]).min() < 0.998
+
+
+def test_drawn_piles_have_springs_about_the_nominal_rotation_and_more_mass_than_steel() -> None:
+    drawn = [drawn_pile(np.random.default_rng(seed)) for seed in range(20)]
+    rotation = np.array([pile.springs[1] for pile, _ in drawn]) / NOMINAL[1]
+    assert (rotation > 0.8 * (1 - 1e-6)).all()
+    assert (rotation < 1.25 * (1 + 1e-6)).all()
+    off = np.array([pile.moving_mass / stated - 1 for pile, stated in drawn])
+    assert 0.15 < off.std() < 0.45
+    assert all(STEEL <= stated <= 2 * STEEL for _, stated in drawn)
