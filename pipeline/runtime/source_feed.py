@@ -15,12 +15,14 @@ from pipeline.runtime.flow_control import Credit, Quiet, is_drained, unarrived
 from pipeline.transport.bus import Bus, Inbox
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.boots import BootCounter
+from sensors.acquisition.layout import SensorLayout
 from sensors.intervals import Intervals
 
 logger = logging.getLogger(__name__)
 
 START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports for seconds
 FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
+LAYOUT_TIMEOUT = 10.0  # for every node to have a new layout, before the source goes on [s]
 GIVEN_UP_AFTER = 30.0  # of quiet, what has not arrived; a cut link comes back in seconds [s]
 REPORTING = 5.0  # since its last status a node may be waiting; one that computes says nothing [s]
 STOPPED_WITHIN = 7.0  # all nodes, together; what remains of ten seconds is the summary's [s]
@@ -107,8 +109,10 @@ class SourceFeed:
         """Publish all of the source and return when every message has been handled."""
         takers = [each.name for each in self._workers if AccelerationBlock in each.inputs]
         credit = Credit(takers, unacknowledged_blocks) if unacknowledged_blocks else None
+        consumers = {worker.name: worker.inputs for worker in self._workers}
         published: Counter[str] = Counter()
         first_published: float | None = None
+        layouts: set[tuple[str, str, str]] = set()
         for message in with_end(source):
             if credit and isinstance(message, AccelerationBlock):
                 self._deaf = partial(self._unacknowledged, takers, first_published)
@@ -120,12 +124,26 @@ class SourceFeed:
                 first_published = time.monotonic()
             if report and isinstance(message, AccelerationBlock):
                 report(message)
+            if isinstance(message, SensorLayout) and _identity(message) not in layouts:
+                layouts.add(_identity(message))
+                so_far = source_status(turbine, published)
+                deadline = time.monotonic() + LAYOUT_TIMEOUT
+                self.wait(partial(self._layouts_arrived, so_far, consumers, deadline))
         finished = source_status(turbine, published)
         self._bus.publish(finished)
-        consumers = {worker.name: worker.inputs for worker in self._workers}
         self._deaf = partial(self._unacknowledged, takers, first_published)
         self._quiet = Quiet()
         self.wait(lambda: self._all_handled(finished, consumers))
+
+    def _layouts_arrived(
+        self, source: NodeStatus, consumers: Mapping[str, Sequence[type]], deadline: float
+    ) -> bool:
+        """Whether every node has the layouts, or their time is over [s, monotonic]: they travel on
+        keys of their own, and of several units the first blocks wait for them, but not all."""
+        if time.monotonic() > deadline or any(worker.restarts for worker in self._workers):
+            return True
+        missing = unarrived([source, *self._latest.values()], consumers)
+        return all(each.message != SensorLayout.__name__ for each in missing)
 
     def _all_handled(self, finished: NodeStatus, consumers: Mapping[str, Sequence[type]]) -> bool:
         """Whether it has; or nothing has come for long, and what is missing is said."""
@@ -185,6 +203,10 @@ class SourceFeed:
             return []
         received = {name for name, status in self._latest.items() if status.has_blocks}
         return [name for name in takers if name not in received]
+
+
+def _identity(layout: SensorLayout) -> tuple[str, str, str]:
+    return layout.turbine, layout.unit, layout.layout_id
 
 
 def source_status(turbine: str, published: Counter[str]) -> NodeStatus:

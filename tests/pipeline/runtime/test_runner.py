@@ -23,6 +23,7 @@ from pipeline.runtime.runner import (
 from pipeline.runtime.source_feed import STOPPED_WITHIN, with_end
 from pipeline.transport.bus import Inbox
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from tests.pipeline.example_messages import block as acceleration_block
 from tests.pipeline.example_messages import rejection
 from tests.pipeline.example_messages import status as example_status
@@ -194,6 +195,61 @@ def test_a_node_that_hears_nothing_ends_the_run_with_its_name(
             unacknowledged_blocks=unacknowledged_blocks,
         )
     assert listener.closed
+
+
+class LateLayouts(MemoryBus):
+    """Delivers layouts a third of a second late, as a link does that has just come up."""
+
+    def publish(self, message: Message) -> None:
+        if isinstance(message, SensorLayout):
+            threading.Timer(0.3, super().publish, [message]).start()
+        else:
+            super().publish(message)
+
+
+class InOrder(Listener):
+    """Remembers what came when."""
+
+    inputs = (AccelerationBlock, SensorLayout, StreamEnd)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.came: list[str] = []
+
+    def handle(self, message: Message) -> Iterable[Message]:
+        self.came.append(type(message).__name__)
+        return super().handle(message)
+
+
+def test_the_blocks_wait_until_every_node_has_their_layouts() -> None:
+    """Of two units that are joined only the last 64 blocks waited for a layout that came later:
+    under load a replay could lose its only window."""
+    bus, listener = LateLayouts(), InOrder()
+    layouts = [biaxial_layout("l", turbine="t1", unit=u, elevations=(9.0,)) for u in ("a", "b")]
+    source = [*layouts, *blocks(5), layouts[0], *list(blocks(8))[5:]]
+    run_workers(source, threaded(bus, listener), bus, turbine="t1", unacknowledged_blocks=None)
+    assert listener.came[:3] == ["SensorLayout", "SensorLayout", "AccelerationBlock"]
+    assert listener.came.count("AccelerationBlock") == 8
+
+
+def test_a_layout_that_never_arrives_does_not_hold_the_blocks_for_ever(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pipeline.runtime.source_feed.LAYOUT_TIMEOUT", 0.2)
+    monkeypatch.setattr("pipeline.runtime.source_feed.GIVEN_UP_AFTER", 0.3)
+    monkeypatch.setattr("pipeline.runtime.node_thread.STATUS_PERIOD", 0.05)
+    bus, listener = WithoutLayouts(), InOrder()
+    source = [biaxial_layout("l", turbine="t1", unit="a", elevations=(9.0,)), *blocks(5)]
+    run_workers(source, threaded(bus, listener), bus, turbine="t1", unacknowledged_blocks=None)
+    assert listener.came.count("AccelerationBlock") == 5
+
+
+class WithoutLayouts(MemoryBus):
+    """Loses them."""
+
+    def publish(self, message: Message) -> None:
+        if not isinstance(message, SensorLayout):
+            super().publish(message)
 
 
 class LossyBus(MemoryBus):
