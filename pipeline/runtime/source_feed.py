@@ -113,7 +113,13 @@ class SourceFeed:
         published: Counter[str] = Counter()
         first_published: float | None = None
         layouts: set[tuple[str, str, str]] = set()
+        arriving = False
         for message in with_end(source):
+            if arriving and isinstance(message, AccelerationBlock):
+                so_far = source_status(turbine, published)
+                deadline = time.monotonic() + LAYOUT_TIMEOUT
+                self.wait(partial(self._layouts_arrived, so_far, consumers, deadline))
+                arriving = False
             if credit and isinstance(message, AccelerationBlock):
                 self._deaf = partial(self._unacknowledged, takers, first_published)
                 self.wait(partial(self._may_send, credit, message.sequence))
@@ -124,11 +130,9 @@ class SourceFeed:
                 first_published = time.monotonic()
             if report and isinstance(message, AccelerationBlock):
                 report(message)
-            if isinstance(message, SensorLayout) and _identity(message) not in layouts:
+            if isinstance(message, SensorLayout):
+                arriving |= _identity(message) not in layouts
                 layouts.add(_identity(message))
-                so_far = source_status(turbine, published)
-                deadline = time.monotonic() + LAYOUT_TIMEOUT
-                self.wait(partial(self._layouts_arrived, so_far, consumers, deadline))
         finished = source_status(turbine, published)
         self._bus.publish(finished)
         self._deaf = partial(self._unacknowledged, takers, first_published)
