@@ -21,6 +21,8 @@ from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import AccelerationBlock
 
 KILOBYTE = 1000
+SAYS_SO = ("recording-stopped", "recording-resumed")
+"""The latter where a slow machine leaves time to go on in a next part, which has room again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +33,7 @@ class DiskOutcome:
     published: int  # blocks
     recorded: int  # of them that can be read back
     told_lost: int  # blocks that the session says it could not record
-    warned: bool  # whether the summary says that recording has stopped
+    warned: bool  # whether the summary says that recording stopped, at the end or in between
     same_posterior: bool  # as the session with room
 
 
@@ -52,7 +54,7 @@ def disk_trial(folder: Path, recording: Path, *, kilobytes: int) -> DiskOutcome:
         published=figures["stream"]["published"],
         recorded=len(blocks),
         told_lost=figures["stream"]["published"] - figures["stream"]["recorded"],
-        warned=any(doubt["code"] == "recording-stopped" for doubt in figures["warnings"]),
+        warned=any(doubt["code"] in SAYS_SO for doubt in figures["warnings"]),
         same_posterior=ours == theirs,
     )
 
