@@ -30,6 +30,7 @@ _T = TypeVar("_T")
 MOST_NAMES_KNOWN = 64  # of a live run's turbine: units, nodes, rejections' codes, each
 LATEST_ESTIMATES = 8  # of a live run's turbine, of 30 kB each: one that comes again is among them
 MOST_TRACKS = 500  # of a live run's turbine
+MOST_TRUTHS = 1000  # of a simulated one
 MOST_WINDOW_WARNINGS = 1000  # of its windows, that differ
 
 
@@ -149,7 +150,7 @@ class TurbineState:
         day."""
         tracks = CombinedTracks(most=MOST_TRACKS)
         warnings = DistinctWarnings(most=MOST_WINDOW_WARNINGS)
-        truths = BoundedDict[int, FoundationTruth](kept)
+        truths = BoundedDict[int, FoundationTruth](MOST_TRUTHS)
         return cls(turbine, kept, tracks=tracks, window_warnings=warnings, truths=truths)
 
     def fold(self, message: Message, *, counts: bool = True) -> None:
@@ -203,8 +204,19 @@ class TurbineState:
 
     @property
     def truth(self) -> FoundationTruth | None:
-        """The latest true stiffnesses of a simulation."""
-        return next(reversed(self.truths.values()), None)
+        """The true stiffnesses of a simulation in the posterior's window; the latest without a
+        posterior."""
+        if self.posterior is None:
+            return next(reversed(self.truths.values()), None)
+        return self.truth_at(self.posterior.time_ns)
+
+    def truth_at(self, time_ns: int) -> FoundationTruth | None:
+        """Return the true stiffnesses that held then; the first where none is so early.
+
+        A source is ahead of its windows' answers: what has come last may not hold yet.
+        """
+        earlier = [since for since in self.truths if since <= time_ns]
+        return self.truths.get(max(earlier) if earlier else min(self.truths, default=0))
 
     @property
     def n_identified(self) -> int:

@@ -74,7 +74,7 @@ class NodeView:
 
 
 class TurbineView:
-    """Draws one turbine's messages. Remembers estimates until their posterior, and the truth."""
+    """Draws one turbine's messages. Remembers estimates until their posterior."""
 
     def __init__(
         self,
@@ -121,7 +121,6 @@ class TurbineView:
         self._estimates = BoundedDict[int, ModalEstimate](MOST_AHEAD)
         """By the end of their window [ns]: without a posterior, and of the last posterior."""
         self._found: tuple[int, list[float]] = (-1, [])  # newest window, its frequencies [Hz]
-        self._truth: FoundationTruth | None = None
         self._sized = False  # a change of known size was detected
         self._in_farm = False  # one of several turbines
         self._styled: set[str] = set()
@@ -149,7 +148,7 @@ class TurbineView:
             *(self._turbine, self._layouts.all, self._modes.labels, middle),
             self._sized,
             self._has_structure,
-            self._truth is not None,
+            bool(self._status.state.truths),
             self._status.lists_nodes,
         )
 
@@ -161,8 +160,7 @@ class TurbineView:
             labels=self._modes.labels,
             has_structure=self._has_structure,
         )
-        view._status, view._truth = self._status, self._truth
-        view._estimates = self._estimates
+        view._status, view._estimates = self._status, self._estimates
         view._now_ns = self._now_ns
         for layout in self._layouts.all:
             view.draw_layout(layout)
@@ -223,15 +221,16 @@ class TurbineView:
         """Draw bands, joint posterior, tracks and shapes of the paired modes."""
         self._at(posterior.time_ns)
         recording, root = self._recording, self._root
-        foundation_views.log_posterior_bands(recording, root, posterior, self._truth)
+        truth = self._status.state.truth_at(posterior.time_ns)
+        foundation_views.log_posterior_bands(recording, root, posterior, truth)
         if self._in_farm:
             foundation_views.log_medians(recording, posterior)
-        foundation_views.log_joint_posterior(recording, root, posterior, self._truth)
+        foundation_views.log_joint_posterior(recording, root, posterior, truth)
         foundation_views.log_posterior_widths(recording, root, posterior)
         foundation_views.log_change_probability(recording, root, posterior)
         if self._sized:
             foundation_views.log_revised_sizes(recording, root, posterior)
-        picture = pile_picture(posterior, self._description, self._truth)
+        picture = pile_picture(posterior, self._description, truth)
         foundation_views.log_pile(recording, root, picture)
         estimate = self._estimate_of(posterior)
         layout = self._layouts.of_posterior(posterior, estimate)
@@ -244,7 +243,6 @@ class TurbineView:
 
     def draw_truth(self, truth: FoundationTruth) -> None:
         """Keep the true stiffness; its line is drawn with the posterior's bands."""
-        self._truth = truth
         self._status.take(truth)
         self._at(truth.time_ns)
         drawn = "known, drawn in green" if self._has_structure else "known"

@@ -4,7 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline.messages import FoundationTruth, QualityWarning, WindowRejected, same_window
+from pipeline.messages import (
+    FoundationPosterior,
+    FoundationTruth,
+    QualityWarning,
+    WindowRejected,
+    same_window,
+)
 from pipeline.monitoring.status import status_figures
 from pipeline.monitoring.summary import run_figures, turbine_figures
 from pipeline.state.run_state import RunState
@@ -69,14 +75,31 @@ def test_what_is_let_go_stays_counted() -> None:
     assert list(state.statuses) == ["recorder"]
 
 
-def test_a_live_run_keeps_few_truths_and_the_latest_received_last() -> None:
-    run = RunState(kept=2)
+def test_a_live_run_keeps_few_truths_and_the_latest_received_last(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("pipeline.state.turbine_state.MOST_TRUTHS", 2)
+    run = RunState(kept=5)
     for time_ns in (3, 1, 4, 2, 1):
         run.fold(FoundationTruth("t1", time_ns, 1.0, 1.0, 0.1 * time_ns))
     state = run.turbine("t1")
     assert list(state.truths) == [2, 1]
     assert state.truth is not None
     assert state.truth.time_ns == 1
+
+
+def test_the_truth_is_that_of_the_posteriors_window_though_a_later_one_has_come() -> None:
+    """A replay at full speed is ahead of the windows' answers by a third of an hour."""
+    given = next(each for each in session() if isinstance(each, FoundationPosterior))
+    state = RunState().turbine("t1")
+    for time_ns in (100, 300):
+        state.fold(FoundationTruth("t1", time_ns, 1.0, 1.0, 0.1 * time_ns))
+    assert state.truth is not None
+    assert state.truth.time_ns == 300
+    for end_ns, since in ((50, 100), (299, 100), (300, 300), (400, 300)):
+        state.fold(replace(given, time_ns=end_ns))
+        assert state.truth is not None
+        assert state.truth.time_ns == since
 
 
 def test_modes_and_warnings_of_a_live_run_are_of_all_windows_although_few_are_kept() -> None:
