@@ -39,8 +39,15 @@ ROWS = {
         "A row an uncertain parameter of the structure or of a sensor and window; none where the "
         "structure is exact."
     ),
+    "relative": (
+        "A row a spring and window: over what it was before the last event, or in the reference "
+        "period. After an event this is its size, revised with each window."
+    ),
     "pairs": "A row an identified mode that has a model mode, and window.",
-    "events": "A row an [event](../theory.md#events).",
+    "events": (
+        "A row an [event](../theory.md#events), with its size as it was first reported; "
+        "`relative` has what the windows since make of it."
+    ),
     "rejected": "A row a window that was rejected, by the identification or by the updating.",
     "gaps": "A row a gap in the blocks of a unit.",
     "scada": "A row a SCADA sample.",
@@ -106,6 +113,11 @@ COLUMNS = {
     "p05": "5 % quantile [in `unit`].",
     "p95": "95 % quantile [in `unit`].",
     "contraction": "1 − width of the interval over the prior's; 0: nothing was learned.",
+    "reference": "End of what the spring is compared with.",
+    "spring": "`k11`, `k22` or `k12`.",
+    "ratio_median": "Median of the ratio; 1: unchanged.",
+    "ratio_p05": "Its 5 % quantile.",
+    "ratio_p95": "Its 95 % quantile.",
     "identified": (
         "Name of the identified mode, as `mode` of `modes`; `m1+m2`: the mean of two that cannot "
         "be separated."

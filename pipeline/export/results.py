@@ -91,6 +91,14 @@ def _figures(posterior: FoundationPosterior) -> Iterator[Row]:
         )  # fmt: skip
 
 
+def _relative(posterior: FoundationPosterior) -> Iterator[Row]:
+    for each in posterior.relative:
+        yield (
+            posterior.turbine, posterior.window, posterior.time_ns, each.reference_ns, each.name,
+            each.median, each.p05, each.p95,
+        )  # fmt: skip
+
+
 def _pairs(posterior: FoundationPosterior) -> Iterator[Row]:
     for pair in posterior.pairs:
         yield (
@@ -187,6 +195,13 @@ RESULT_TABLES = (
         (*_WINDOW, ("time", TIMESTAMP), ("figure", _TEXT), ("unit", _TEXT),
          *_real("median", "p05", "p95", "contraction [-]")),
         _figures,
+    ),
+    ResultTable(
+        "relative",
+        FoundationPosterior,
+        (*_WINDOW, ("time", TIMESTAMP), ("reference", TIMESTAMP), ("spring", _TEXT),
+         *_real("ratio_median [-]", "ratio_p05 [-]", "ratio_p95 [-]")),
+        _relative,
     ),
     ResultTable(
         "pairs",

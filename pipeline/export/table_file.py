@@ -90,7 +90,7 @@ class TableFile:
 
 def _harmless_text(text: str | None) -> str | None:
     """Return a text that no spreadsheet takes for a formula. Source: OWASP, CSV injection."""
-    return f"'{text}" if text and text.startswith(FORMULA) else text
+    return f"'{text}" if text and text != "-" and text.startswith(FORMULA) else text
 
 
 def _harmless_field(field: pa.Field) -> pa.Field:

@@ -4,6 +4,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -82,8 +83,8 @@ def reasons_for_distrust(posterior: FoundationPosterior | None) -> list[str]:
 def change_sentences(record: TurbineRecord) -> list[str]:
     """Return one sentence for each event."""
     return [
-        f"{event_sentence(event)}{_stiffness_before_and_after(record, event)}"
-        f"{revised_sentence(record.state, event)}"
+        f"{_event_with_revised_size(record.state, event)}"
+        f"{_stiffness_before_and_after(record, event)}"
         for event in record.state.events
     ]
 
@@ -92,6 +93,26 @@ def revised_sentence(state: TurbineState, event: FoundationEvent) -> str:
     """Return what the windows since an event make of its size; "" where they say no more."""
     found = state.revised_size(event)
     return "" if found is None or event.kind == "modal-drift" else f" {found.text}"
+
+
+def _event_with_revised_size(state: TurbineState, event: FoundationEvent) -> str:
+    """Return the event with its size by all posteriors since, and then what was reported first."""
+    found = state.revised_size(event)
+    if found is None or event.kind != "foundation" or not event.changes:
+        return f"{event_sentence(event)}{revised_sentence(state, event)}"
+    ratios_now = {each.name: each for each in found.springs}
+    revised = [
+        replace(each, median=now.median - 1, p05=now.p05 - 1, p95=now.p95 - 1)
+        for each in event.changes
+        if (now := ratios_now.get(each.name)) is not None
+    ]
+    if len(revised) < len(event.changes):
+        return f"{event_sentence(event)}{revised_sentence(state, event)}"
+    first = _change(max(event.changes, key=_relative_precision))
+    return (
+        f"{event_sentence(replace(event, changes=tuple(revised)))} This is by "
+        f"{count_noun(found.n_posteriors, 'posterior')} since; as first reported, {first}."
+    )
 
 
 def event_sentence(event: FoundationEvent) -> str:

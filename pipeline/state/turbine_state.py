@@ -88,7 +88,7 @@ class RevisedSize:
             f"{each.name} {each.median - 1:+.1%} ({each.p05 - 1:+.1%} to {each.p95 - 1:+.1%})"
             for each in self.springs
         )
-        return f"By all windows since (posteriors: {self.n_posteriors}): {changes}."
+        return f"Revised by the windows since (posteriors: {self.n_posteriors}): {changes}."
 
 
 @dataclass(slots=True)

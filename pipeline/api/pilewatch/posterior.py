@@ -59,18 +59,23 @@ class Posterior:
         return self.message.warnings
 
     def __repr__(self) -> str:
-        medians, half = np.median(self.ratios, axis=0), self._half_widths()
         springs = ", ".join(
-            f"{name} {m:.3f} ± {h:.3f}" for name, m, h in zip(SPRINGS, medians, half, strict=True)
+            f"{name} {median:.3f} ± {(high - low) / 2:.3f}"
+            for name, (low, median, high) in zip(SPRINGS, self.quantiles.T, strict=True)
         )
         verdict = "trusted" if self.trusted else "NOT trusted"
         return (
             f"<Posterior: {springs} × nominal (90 %), {self.message.n_windows} windows, {verdict}>"
         )
 
-    def _half_widths(self) -> FloatArray:
-        low, high = np.quantile(self.ratios, [0.05, 0.95], axis=0)
-        return np.asarray((high - low) / 2)
+    @property
+    def quantiles(self) -> FloatArray:
+        """5 %, 50 % and 95 % quantiles of k11, k22, k12 over nominal, shape (3, 3) [-]: of all the
+        sampler's draws, of which `draws` has a thousand."""
+        springs = [self.message.parameter(name) for name in SPRINGS]
+        return np.array([[k.p05, k.median, k.p95] for k in springs]).T / [
+            k.nominal for k in springs
+        ]
 
     def to_dataframe(self) -> pd.DataFrame:
         """Return one row a parameter: unit, nominal, median, 5 % and 95 % quantile."""

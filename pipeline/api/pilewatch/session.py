@@ -61,7 +61,7 @@ class Session:
         rows = []
         for posterior in self.posteriors:
             row = {"time": pandas.Timestamp(posterior.message.time_ns, tz="UTC")}
-            quantiles = np.quantile(posterior.ratios, QUANTILES, axis=0)
+            quantiles = posterior.quantiles
             for number, name in enumerate(SPRINGS):
                 for label, value in zip(
                     ("p05", "median", "p95"), quantiles[:, number], strict=True
@@ -110,7 +110,7 @@ class Session:
 
     def _quantiles(self) -> FloatArray:
         """(n_posteriors, 3 quantiles, 3 springs) over nominal [-]."""
-        found = [np.quantile(each.ratios, QUANTILES, axis=0) for each in self.posteriors]
+        found = [each.quantiles for each in self.posteriors]
         return np.array(found).reshape(-1, len(QUANTILES), len(SPRINGS))
 
 

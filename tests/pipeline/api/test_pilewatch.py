@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.messages import FoundationPosterior
+from pipeline.messages import FoundationPosterior, ParameterSummary
 from pipeline.offline.identify_file import identify_file
 from pipeline.recording.reader import read_messages
 from tests.pipeline.state.test_posterior_json import POSTERIOR
@@ -66,6 +66,9 @@ def test_the_library_gives_the_posterior_of_the_session(
     assert replace(session, posteriors=()).posterior is None
     assert session.posterior is not None
     np.testing.assert_array_equal(session.posterior.message.draws, recorded[-1].draws)
+    k22 = recorded[-1].parameter("k22")
+    row = session.to_dataframe().iloc[-1]
+    assert row["k22_p95"] == pytest.approx(k22.p95 / k22.nominal, rel=1e-12)
     from_modes = pw.update(session.modes, scenario=short_recording)
     np.testing.assert_array_equal(from_modes.draws, session.posterior.draws)
     assert from_modes.message.figures == session.posterior.message.figures != ()
@@ -239,13 +242,16 @@ def test_tables_have_a_row_a_mode_and_a_parameter(
 
 
 def test_a_posterior_reads_as_median_and_half_of_its_90_percent_interval() -> None:
-    draws = 1.0 + np.linspace(-0.1, 0.1, 2001)
-    nominal = np.array([2.0, 3.0, -4.0])
-    message = replace(POSTERIOR, draws=np.column_stack([np.outer(draws, nominal), draws]))
-    springs = "k11 1.000 ± 0.090, k22 1.000 ± 0.090, k12 1.000 ± 0.090"
-    assert repr(pw.Posterior(message, nominal)).startswith(
-        f"<Posterior: {springs} × nominal (90 %)"
+    """Those that summary, export and report give too: of all draws, not of those that are kept."""
+    springs = tuple(
+        ParameterSummary(name, "N/m", nominal, nominal, 0.9 * nominal, 1.2 * nominal, 0.5)
+        for name, nominal in (("k11", 2.0), ("k22", 3.0), ("k12", 4.0))
     )
+    message = replace(POSTERIOR, parameters=springs)
+    read = pw.Posterior(message, np.array([2.0, 3.0, 4.0]))
+    np.testing.assert_allclose(read.quantiles, np.outer([0.9, 1.0, 1.2], np.ones(3)))
+    shown = "k11 1.000 ± 0.150, k22 1.000 ± 0.150, k12 1.000 ± 0.150"
+    assert repr(read).startswith(f"<Posterior: {shown} × nominal (90 %)")
 
 
 def test_what_is_computed_is_computed_in_one_thread_on_any_machine(

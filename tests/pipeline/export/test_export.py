@@ -13,7 +13,7 @@ from pipeline.export import table_file
 from pipeline.export.export import Exported, export
 from pipeline.export.samples import sample_times
 from pipeline.export.table_file import TableFile
-from pipeline.messages import FoundationTruth, ParameterSummary
+from pipeline.messages import FoundationTruth, ParameterSummary, RelativeStiffness
 from pipeline.offline.measured_file import recorded_channels
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.errors import InputError
@@ -166,7 +166,8 @@ def test_channels_that_differ_by_a_separator_have_columns_of_different_names(
 def test_every_result_has_its_row(form: table_file.Format, tmp_path: Path) -> None:
     found, truth = estimate(0), FoundationTruth("t1", START_NS, k11=1.0, k22=2.0, k12=3.0)
     mass = ParameterSummary("rna_mass", "-", 1.0, 1.02, 1.0, 1.04, contraction=0.6)
-    known = replace(posterior(0), figures=(mass,), change_probability=0.25)
+    change = RelativeStiffness("k22", 0.9, 0.85, 0.96, START_NS)
+    known = replace(posterior(0), figures=(mass,), change_probability=0.25, relative=(change,))
     messages = [LAYOUT, truth, found, known, rejection(1), event()]
     files = export(recorded(tmp_path / "r.mcap", messages), tmp_path / "out", form)
     modes, shapes = read(files, "modes"), read(files, "mode_shapes")
@@ -177,6 +178,10 @@ def test_every_result_has_its_row(form: table_file.Format, tmp_path: Path) -> No
     assert read(files, "posterior")["change_probability [-]"].to_pylist() == [0.25]
     assert read(files, "figures")["median"].to_pylist() == [1.02]
     assert len(read(files, "pairs")) == len(posterior(0).pairs)
+    revised = read(files, "relative")
+    assert revised["spring"].to_pylist() == ["k22"]
+    assert revised["ratio_p95 [-]"].to_pylist() == [0.96]
+    assert len(revised["reference"].to_pylist()) == 1
     assert read(files, "rejected")["reason"].to_pylist() == ["gap of 0.4 s in tower"]
     noticed = read(files, "events")["time"].cast(pa.timestamp("ns", tz="UTC")).cast(pa.int64())
     assert noticed.to_pylist() == [event().time_ns]
@@ -227,9 +232,9 @@ def test_a_folder_that_cannot_be_made_is_one_clear_line(minute: Path, tmp_path: 
 def test_no_cell_of_an_exported_text_begins_like_a_formula(tmp_path: Path) -> None:
     schema = pa.schema([("=name", pa.string()), ("value", pa.float64())])
     table = TableFile(tmp_path / "a.csv", schema, "csv")
-    table.add_rows([("=HYPERLINK(1)", -1.0), ("@x", 2.0), ("plain", 3.0), (None, 4.0)])
+    table.add_rows([("=HYPERLINK(1)", -1.0), ("@x", 2.0), ("plain", 3.0), (None, 4.0), ("-", 5.0)])
     table.close()
     lines = (tmp_path / "a.csv").read_text().splitlines()
     assert lines == [
-        '"\'=name","value"', '"\'=HYPERLINK(1)",-1', '"\'@x",2', '"plain",3', ",4",
+        '"\'=name","value"', '"\'=HYPERLINK(1)",-1', '"\'@x",2', '"plain",3', ",4", '"-",5',
     ]  # fmt: skip

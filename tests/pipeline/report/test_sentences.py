@@ -5,7 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.messages import FoundationPosterior, Message, ParameterSummary, QualityWarning
+from pipeline.messages import (
+    FoundationPosterior,
+    Message,
+    ParameterSummary,
+    QualityWarning,
+    RelativeStiffness,
+)
 from pipeline.report.recorded_session import TurbineRecord, read_session
 from pipeline.report.sentences import (
     _intervals_differ,
@@ -63,6 +69,21 @@ def test_springs_that_changed_with_an_undecided_change_are_listed_with_it(tmp_pa
     messages = [each if each != event() else event("undecided") for each in session()]
     (text, *_) = findings(record_of(tmp_path, messages))
     assert text.endswith("Stiffness ÷ nominal changed with it: k22 from 1.000 to 0.912.")
+
+
+def test_a_change_begins_with_its_revised_size_and_has_the_first_one_behind(tmp_path: Path) -> None:
+    """A first size is by the windows of a quarter of an hour: half of what it says may be off."""
+    messages = list(session())
+    changes = event().changes
+    last = max(n for n, each in enumerate(messages) if isinstance(each, FoundationPosterior))
+    since = tuple(
+        RelativeStiffness(each.name, 0.95, 0.94, 0.96, event().time_ns) for each in changes
+    )
+    later = max(messages[last].time_ns, event().time_ns)  # type: ignore[union-attr]
+    messages[last] = replace(messages[last], relative=since, time_ns=later)  # type: ignore[type-var]
+    (text, *_) = findings(record_of(tmp_path, messages))
+    assert text.startswith(f"{changes[0].name} fell by 5.0 % [4.0 %, 6.0 %]")
+    assert "This is by 1 posterior since; as first reported, k22 fell by 9.0 %" in text
 
 
 def test_changes_come_first_then_each_spring_then_how_far_the_data_go(tmp_path: Path) -> None:
