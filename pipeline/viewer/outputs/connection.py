@@ -79,7 +79,7 @@ def _file_sink(output: RrdFile) -> rr.FileSink:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("ab").close()
     except OSError as error:
-        raise ViewerError(f"--rrd {path}: cannot be written ({error.strerror})") from error
+        raise ViewerError(f"{path}: cannot be written ({error.strerror})") from error
     return rr.FileSink(path, write_footer=output.indexed)
 
 
