@@ -105,6 +105,13 @@ def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Tree:
     return Tree(tmp_path)
 
 
+def test_a_test_inside_a_dependency_measures_nothing(tree: Tree) -> None:
+    tree.write("pipeline/oma/test_poles.py", "def test_of_poles():\n    assert True\n")
+    assert tree.newer(OMA) == []
+    tree.write("pipeline/oma/tested.py", "def tested():\n    return 1\n")
+    assert tree.newer(OMA) == ["pipeline/oma/tested.py: function tested"]
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -65,12 +65,14 @@ class Repository:
         -----
         A definition is newer where the same file had another one of that name at the commit, or
         where it stood nowhere in `PRODUCT` and the dependency. One that has left the dependency
-        still belongs to it, since those that call it may be the same but for an import. Not seen
+        still belongs to it, since those that call it may be the same but for an import. Modules of
+        tests (test_*.py) inside a dependency are no part of it: no figure is measured by them. Not
+        seen
         are an import that takes a name from another module, where both have one, and a definition
         or file that vanished although nothing calls it by name.
         """
         past = self._past(commit, tuple(dict.fromkeys((*PRODUCT, *depends))))
-        inside = [path for path in past.changed if _is_in(path, depends)]
+        inside = [path for path in past.changed if _is_in(path, depends) and not _is_test(path)]
         left: set[Definition] = set()
         for path in inside:
             now, before = self._today(path), past.changed[path]
@@ -314,6 +316,10 @@ def _told(path: str, definition: Definition) -> str:
 
 def _is_in(path: str, places: Sequence[str]) -> bool:
     return any(path == place or path.startswith(f"{place}/") for place in places)
+
+
+def _is_test(path: str) -> bool:
+    return Path(path).name.startswith("test_")
 
 
 def _split(answer: bytes | None) -> list[str]:
