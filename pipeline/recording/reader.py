@@ -13,6 +13,7 @@ from pipeline.recording.mcap_file import (
     McapChannels,
     RecordedMessage,
     checked_records,
+    complete_records,
     is_closed_properly,
     metadata_section,
     open_recording,
@@ -73,6 +74,31 @@ def read_metadata(path: Path) -> dict[str, dict[str, str]]:
             )
         except MCAP_DAMAGE as error:
             raise RecordingError(f"{path} is damaged: its metadata cannot be read") from error
+
+
+def leading_metadata(path: Path) -> dict[str, dict[str, str]]:
+    """Section → name → text as far as they stand before the first chunk, where a recorder writes
+    them; the rest of the file is not read.
+
+    Raises
+    ------
+    RecordingError
+        Where the file is missing, no recording, or damaged there.
+    """
+    sections: dict[str, dict[str, str]] = {}
+    with open_recording(path) as file:
+        for record in complete_records(file):
+            if record.opcode == Opcode.CHUNK:
+                break
+            if record.opcode == Opcode.METADATA:
+                try:
+                    name, texts = metadata_section(record)
+                except MCAP_DAMAGE as error:
+                    raise RecordingError(
+                        f"{path} is damaged: its metadata cannot be read"
+                    ) from error
+                sections[name] = texts
+    return sections
 
 
 def _opened_whole(path: Path) -> BinaryIO:

@@ -145,6 +145,18 @@ def test_pictures_that_grow_with_a_live_run_have_no_index_that_grows_in_memory(
         assert outputs.views == (RrdFile(Path("o/session.rrd"), indexed=indexed),)
 
 
+def test_a_recording_has_whether_its_live_session_began_with_nothing(
+    tmp_path: Path, short_recording: Path
+) -> None:
+    live, fresh = open_source("live", "parked"), SessionOptions(out=tmp_path, fresh=True)
+    assert session_outputs(live, fresh, epoch=2).metadata["run"] == {"epoch": "2", "fresh": "yes"}
+    goes_on = replace(fresh, fresh=False)
+    assert session_outputs(live, goes_on, epoch=2).metadata["run"] == {"epoch": "2"}
+    tied = session_outputs(live, goes_on, fresh=True)  # as a node process has it from the lock
+    assert tied.metadata["run"]["fresh"] == "yes"
+    assert "fresh" not in session_outputs(replayed(short_recording), fresh).metadata["run"]
+
+
 def test_one_turbines_results_are_not_taken_for_the_farms() -> None:
     note = "These are the results of t1, one of 3 turbines; all of them: pilewatch"
     turbines = ("t1", "t2", "t3")
