@@ -114,8 +114,8 @@ def _starts(folder: Path) -> tuple[list[Path], list[Path]]:
     return included, [file for start in starts[:first] for file in start]
 
 
-def _latest_start(folder: Path) -> list[Path]:
-    first = folder / SESSION_FILE
+def _latest_start(path: Path) -> list[Path]:
+    first = path / SESSION_FILE
     parts = [part_of(first, number) for number in range(1, next_part(first))]
     return [file for part in parts for file in (part, results_of(part)) if file.exists()]
 
