@@ -54,8 +54,8 @@ class AuditPeriod:
         """Yield the messages of the period, and all statuses.
 
         Of each unit the block before the first and some after the last are among them, so that a
-        gap over an edge counts whole and is none of which blocks may still come; see `is_outside`. The end of a stream is left out: its count of blocks is of
-        all of them.
+        gap over an edge counts whole and is none of which blocks may still come; see
+        `is_outside`. The end of a stream is left out: its count of blocks is of all of them.
         """
         before: dict[StreamOfUnit, AccelerationBlock] = {}
         after: dict[StreamOfUnit, list[int]] = {}
