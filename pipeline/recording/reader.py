@@ -18,7 +18,7 @@ from pipeline.recording.mcap_file import (
     metadata_section,
     open_recording,
 )
-from pipeline.recording.salvage import what_is_left
+from pipeline.recording.salvage import what_is_left, what_to_do
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
 
@@ -106,7 +106,7 @@ def _opened_whole(path: Path) -> BinaryIO:
     if not is_closed_properly(file):
         with file:
             left = what_is_left(file)
-        how = f"; `pilewatch salvage {path}` does it" if left.messages else ""
+        how = f"; {what_to_do(path)}" if left.messages else ""
         raise RecordingError(f"{path} was cut off before its end: {left}{how}")
     return file
 

@@ -251,6 +251,11 @@ def one_recording(path: Path) -> Path:
     return files[0]
 
 
+def is_of_session(file: Path) -> bool:
+    """Whether a recording has the name of a part of what `pilewatch run` records."""
+    return file.name.startswith((f"{Path(SESSION_FILE).stem}.", f"{Path(SESSION_FILE).stem}-"))
+
+
 def unfinished_files(path: Path) -> list[Path]:
     """Return the parts in a session's folder that are still being written."""
     return sorted(path.glob(f"{Path(SESSION_FILE).stem}*{ACTIVE_SUFFIX}")) if path.is_dir() else []
