@@ -26,6 +26,8 @@ from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
+_SALVAGED = ".salvaged.mcap"  # how the name of what was salvaged ends
+
 
 @dataclass(frozen=True, slots=True)
 class SalvagedContent:
@@ -88,7 +90,7 @@ class SalvagedContent:
 def salvaged_name(source: Path) -> Path:
     """Return where the remains of a recording go unless another place is given."""
     name = source.name.removesuffix(ACTIVE_SUFFIX)
-    return source.parent / f"{name}.salvaged.mcap"
+    return source.parent / f"{name}{_SALVAGED}"
 
 
 def what_to_do(source: Path) -> str:
@@ -148,7 +150,8 @@ def salvage(source: Path, target: Path) -> SalvagedContent:
 def _damaged_in(folder: Path) -> Path:
     """A recording of a folder that may be meant: the one that a killed run left open, if any."""
     unfinished = sorted(folder.glob(f"*.mcap{ACTIVE_SUFFIX}"))
-    return (unfinished or sorted(folder.glob("*.mcap")) or [folder / "session.mcap"])[-1]
+    closed = [each for each in folder.glob("*.mcap") if not each.name.endswith(_SALVAGED)]
+    return (unfinished or sorted(closed) or [folder / "session.mcap"])[-1]
 
 
 def what_is_left(file: BinaryIO) -> SalvagedContent:

@@ -75,7 +75,7 @@ def session_files(path: Path) -> list[Path]:
     """
     if not path.is_dir():
         return [path]
-    included, others = _starts(path)
+    included, others = session_in(path)
     if others:
         logger.warning("%s: %s", path, not_included_line(others))
     return included or recordings_in(path)
@@ -83,7 +83,7 @@ def session_files(path: Path) -> list[Path]:
 
 def earlier_sessions(path: Path) -> list[Path]:
     """Return the recordings in a session's folder that are of other sessions, oldest first."""
-    return _starts(path)[1] if path.is_dir() else []
+    return session_in(path)[1] if path.is_dir() else []
 
 
 def not_included_line(others: Sequence[Path]) -> str:
@@ -99,8 +99,11 @@ def _names(files: Sequence[Path]) -> str:
     )
 
 
-def _starts(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Files of the session in a folder, its earlier starts included; those of other sessions."""
+def session_in(folder: Path) -> tuple[list[Path], list[Path]]:
+    """Files of the session in a folder, its earlier starts included; those of other sessions.
+
+    Both in order of recording; both empty where no session was recorded.
+    """
     latest = _latest_start(folder)
     starts = _earlier_starts(folder, latest)
     if latest:
@@ -245,7 +248,7 @@ def one_recording(path: Path) -> Path:
     files = _latest_start(path) or session_files(path)
     if len(files) > 1:
         raise SourceError(f"{path} has {len(files)} recordings; name one of {_names(files)}")
-    included, others = _starts(path)
+    included, others = session_in(path)
     if earlier := [*others, *(file for file in included if file not in files)]:
         logger.warning("%s: %s is used, %s", path, files[0].name, not_included_line(earlier))
     return files[0]
