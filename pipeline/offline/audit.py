@@ -14,13 +14,13 @@ from pipeline.messages import (
 )
 from pipeline.offline.stopped_runs import stopped_runs
 from pipeline.recording.errors import RecordingError
+from pipeline.recording.file_order import SESSION_FILE
 from pipeline.recording.latest_messages import files_of, readable_messages
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
 from pipeline.recording.rotation import RESULTS
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS, FOLDER, parsed
 from pipeline.scenario import scenario_from_metadata
-from pipeline.sources.session_files import SESSION_FILE
 from pipeline.state.books import REPORTED_WITHIN, Books
 from pipeline.state.phrases import count_noun
 from pipeline.updating.checkpoint import CheckpointError

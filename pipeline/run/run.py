@@ -19,6 +19,7 @@ from pipeline.monitoring.status import STATUS_KEY, StatusNode
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.nodes.node import Node, Plan
 from pipeline.nodes.sharding import ShardedNode, parsed_shard
+from pipeline.recording.file_order import FRESH
 from pipeline.recording.latest_messages import files_of
 from pipeline.recording.rotation import raw_files
 from pipeline.run.endpoints import ZenohEndpoints, meeting_point, open_hub
@@ -46,7 +47,6 @@ from pipeline.runtime.source_feed import BlockReport, Worker
 from pipeline.runtime.watchdog import Watchdog, WatchdogNode, notified
 from pipeline.sources.feed_publisher import FeedAccount
 from pipeline.sources.replay_control import REPLAY_KEY, ReplayControl
-from pipeline.sources.session_files import FRESH
 from pipeline.sources.sources import Source
 from pipeline.transport.zenoh_bus import ZenohBus
 from pipeline.viewer.outputs.outputs import RrdFile, ViewerOutput, require_rerun

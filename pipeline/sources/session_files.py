@@ -1,13 +1,7 @@
-"""Which files a recorded session consists of, and what they hold.
-
-session-20260301T…Z.mcap   session-20260302T…Z.mcap   session.mcap   session.part2.mcap
-a replay: not included     live ────────────────────► the same session, started again
-"""
+"""Which files a recorded session consists of, and what they hold."""
 
 import logging
-import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.messages import (
@@ -18,40 +12,15 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.recording.errors import RecordingError
+from pipeline.recording.file_order import SESSION_FILE, latest_start, session_in
 from pipeline.recording.mcap_file import RecordedMessage
-from pipeline.recording.reader import decoded, leading_metadata, recorded_messages
-from pipeline.recording.rotation import RESULTS, next_part, part_of, results_of
-from pipeline.recording.writer import ACTIVE_SUFFIX, Metadata
+from pipeline.recording.reader import decoded, recorded_messages
+from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.sources.recorded_stream import SourceError, recordings_in
 
 logger = logging.getLogger(__name__)
 
-SESSION_FILE = "session.mcap"  # the first part of what `pilewatch run` records
-FRESH = "fresh"  # in the metadata's section "run": the session was started with --fresh
 MOST_NAMED = 5  # files that a line names
-_EARLIER = re.compile(  # as `pipeline.run.folder.set_aside` names the files of an earlier start
-    rf"{Path(SESSION_FILE).stem}-(?P<date>\d{{8}}T\d{{6}}Z(?:-\d+)?)(?:\.part(?P<part>\d+))?"
-    rf"(?:\{RESULTS})?\.mcap"
-)
-_FROM_FILES = ("replay:", "simulate:")  # how the source of what is no live session begins
-
-
-@dataclass(frozen=True, slots=True)
-class _EarlierFile:
-    """A part of a start that a later one has set aside."""
-
-    path: Path
-    date: str
-    """Of its last change, as its name has it."""
-    part: int
-    metadata: Metadata
-
-    @property
-    def epoch(self) -> int | None:
-        """Number of the start; None in older recordings."""
-        text = self.metadata.get("run", {}).get("epoch", "")
-        return int(text) if text.isdigit() else None
 
 
 def session_files(path: Path) -> list[Path]:
@@ -97,80 +66,6 @@ def _names(files: Sequence[Path]) -> str:
     return ", ".join(file.name for file in files[:MOST_NAMED]) + (
         ", …" if len(files) > MOST_NAMED else ""
     )
-
-
-def session_in(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Files of the session in a folder, its earlier starts included; those of other sessions.
-
-    Both in order of recording; both empty where no session was recorded.
-    """
-    latest = _latest_start(folder)
-    starts = _earlier_starts(folder, latest)
-    if latest:
-        starts.append(latest)
-    if not starts:
-        return [], []
-    first = len(starts) - 1
-    while first > 0 and _goes_on(starts[first][0]) and _is_live(starts[first - 1][0]):
-        first -= 1
-    included = [file for start in starts[first:] for file in start]
-    return included, [file for start in starts[:first] for file in start]
-
-
-def _latest_start(path: Path) -> list[Path]:
-    first = path / SESSION_FILE
-    parts = [part_of(first, number) for number in range(1, next_part(first))]
-    return [file for part in parts for file in (part, results_of(part)) if file.exists()]
-
-
-def _earlier_starts(folder: Path, latest: Sequence[Path]) -> list[list[Path]]:
-    """The files of each start that was set aside, oldest first.
-
-    The dates in their names are those of last changes, which samples that have gone renew: the
-    starts' own numbers come first. Where the folder's lock was deleted, these begin again.
-    """
-    found = [
-        _EarlierFile(path, match["date"], int(match["part"] or 1), _metadata(path))
-        for path in folder.glob("*.mcap")
-        if (match := _EARLIER.fullmatch(path.name))
-    ]
-    places = [(file.epoch, file.part, RESULTS in file.path.name) for file in found]
-    numbered = None not in {file.epoch for file in found} and len(set(places)) == len(places)
-    if numbered and latest:
-        newest = _EarlierFile(latest[0], "", 1, _metadata(latest[0])).epoch
-        numbered = newest is not None and all((file.epoch or 0) < newest for file in found)
-    if numbered:
-        found.sort(key=lambda file: (file.epoch or 0, file.part, file.date))
-    else:
-        found.sort(key=lambda file: (file.date, file.part))
-    starts: list[list[Path]] = []
-    before: _EarlierFile | None = None
-    for file in found:
-        same = before is not None and before.epoch == file.epoch and before.part <= file.part
-        if same and (file.part > 1 or RESULTS in file.path.name):
-            starts[-1].append(file.path)
-        else:
-            starts.append([file.path])
-        before = file
-    return starts
-
-
-def _metadata(file: Path) -> Metadata:
-    """What is known of a recording before it is read; nothing of one that is damaged there."""
-    try:
-        return leading_metadata(file)
-    except RecordingError:
-        return {}
-
-
-def _is_live(file: Path) -> bool:
-    source = _metadata(file).get("pilewatch", {}).get("source", "")
-    return bool(source) and not source.startswith(_FROM_FILES)
-
-
-def _goes_on(file: Path) -> bool:
-    """Whether its session went on from what the one before it in the folder had left."""
-    return _is_live(file) and FRESH not in _metadata(file).get("run", {})
 
 
 def session_messages(
@@ -245,7 +140,7 @@ def one_recording(path: Path) -> Path:
     """
     if not path.is_dir():
         return path
-    files = _latest_start(path) or session_files(path)
+    files = latest_start(path) or session_files(path)
     if len(files) > 1:
         raise SourceError(f"{path} has {len(files)} recordings; name one of {_names(files)}")
     included, others = session_in(path)
