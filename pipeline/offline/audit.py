@@ -160,8 +160,10 @@ def audit(folder: Path, period: AuditPeriod | None = None) -> Audit:
     Raises
     ------
     InputError
-        If the folder holds no recording.
+        If there is no such folder, or it holds no recording.
     """
+    if not folder.exists():
+        raise InputError(f"{folder} does not exist; give the folder of a run (its --out)")
     files = recordings_of(folder)
     if not files:
         raise InputError(f"{folder} holds no recording; give the folder of a run (its --out)")

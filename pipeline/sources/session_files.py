@@ -42,12 +42,16 @@ def session_files(path: Path) -> list[Path]:
     A live session that is started again in its folder goes on, unless with --fresh; a replay is a
     session of its own. Files of other sessions in the folder are named in one warning.
     """
+    if others := earlier_sessions(path):
+        logger.warning("%s: %s", path, not_included_line(others))
+    return files_to_read(path)
+
+
+def files_to_read(path: Path) -> list[Path]:
+    """Return what `session_files` does, without a word on files of other sessions."""
     if not path.is_dir():
         return [path]
-    included, others = session_in(path)
-    if others:
-        logger.warning("%s: %s", path, not_included_line(others))
-    return included or recordings_in(path)
+    return session_in(path)[0] or recordings_in(path)
 
 
 def earlier_sessions(path: Path) -> list[Path]:
