@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.cli.run import farm_note
+from pipeline.cli.run import _measured, farm_note
 from pipeline.run import folder
 from pipeline.run.folder import prepare_folder
 from pipeline.run.options import SessionOptions
@@ -155,6 +155,12 @@ def test_a_recording_has_whether_its_live_session_began_with_nothing(
     tied = session_outputs(live, goes_on, fresh=True)  # as a node process has it from the lock
     assert tied.metadata["run"]["fresh"] == "yes"
     assert "fresh" not in session_outputs(replayed(short_recording), fresh).metadata["run"]
+
+
+def test_measured_time_is_printed_with_its_span_where_they_differ() -> None:
+    assert _measured({"measured_s": 1200.2, "duration_s": 1200.4}) == "1200 s of measurements"
+    over = "1200 s of measurements over 2419800 s"
+    assert _measured({"measured_s": 1200.0, "duration_s": 2419800.0}) == over
 
 
 def test_one_turbines_results_are_not_taken_for_the_farms() -> None:
