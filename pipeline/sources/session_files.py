@@ -93,12 +93,14 @@ def session_messages(
         On reaching a file, as `read_messages` does.
     """
     once = _Once()
+    wanted = None if message_types is None else frozenset(message_types)
     for file in files:
         for recorded in recorded_messages(file):
-            if message_types is None or recorded.message_type in message_types:
-                message = decoded(file, recorded)
-                if once.is_new(recorded, message):
-                    yield message
+            if wanted is not None and recorded.message_type not in wanted:
+                continue
+            message = decoded(file, recorded)
+            if once.is_new(recorded, message):
+                yield message
 
 
 class _Once:
