@@ -146,7 +146,7 @@ def one_recording(path: Path) -> Path:
     """
     if not path.is_dir():
         return path
-    files = latest_start(path) or session_files(path)
+    files = latest_start(path) or files_to_read(path)
     if len(files) > 1:
         raise SourceError(f"{path} has {len(files)} recordings; name one of {_names(files)}")
     included, others = session_in(path)
