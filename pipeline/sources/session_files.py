@@ -7,6 +7,7 @@ from pathlib import Path
 from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,
+    FoundationTruth,
     Message,
     ModalEstimate,
     StreamGap,
@@ -120,7 +121,7 @@ class _Once:
                 key = (message.code, *_window(message))
                 if message.code == "gap" and ("identified", *key[1:]) in self._known:
                     return False  # its samples were no longer there when a node looked again
-            case FoundationPosterior() | FoundationEvent() | StreamGap():
+            case FoundationPosterior() | FoundationEvent() | FoundationTruth() | StreamGap():
                 key = (recorded.key, hash(recorded.payload))
             case _:
                 return True
