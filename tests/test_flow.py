@@ -132,6 +132,16 @@ def test_updating_from_a_recording_gives_the_sessions_posterior(
         assert ours[key] == theirs[key]
 
 
+@pytest.mark.usefixtures("identified_before")
+def test_a_sessions_folder_is_updated_from_as_its_recording(sessions: dict[str, Path]) -> None:
+    folder = sessions["threads"]
+    assert holds_estimates(folder)
+    summary = update_from(replayed_with_structure(folder), identify=False)
+    assert summary.main.posterior is not None
+    draws = posteriors(sessions["lock-step"])[-1].draws
+    np.testing.assert_array_equal(summary.main.posterior.draws, draws)
+
+
 TWO_UNITS = """
 title = "Half a tower each, on two clocks"
 seed = 4

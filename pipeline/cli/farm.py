@@ -45,8 +45,8 @@ def farm(
     files: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Sessions or recordings with posteriors, or folders of them; without any, the "
-            "running session of --out or --connect."
+            help="Sessions or recordings with posteriors, or folders of them: of each turbine the "
+            "latest by time; without any, the running session of --out or --connect."
         ),
     ] = None,
     connect: Annotated[

@@ -135,8 +135,9 @@ def salvage(
     as_json: JsonOption = False,
 ) -> None:
     """Recover every complete chunk of a cut or damaged recording."""
+    from pipeline.recording.salvage import how_to_use, salvaged_name
     from pipeline.recording.salvage import salvage as salvaged
-    from pipeline.recording.salvage import salvaged_name
+    from pipeline.sources.session_files import is_of_session
 
     target = salvaged_name(file) if out is None else out
     with stderr.status(f"reading {file}"):
@@ -145,6 +146,8 @@ def salvage(
         print_json({"file": str(target), "recovered": salvaged_content.recovered})
     else:
         output.print(f"{target}: {salvaged_content.recovered}", soft_wrap=True)
+        if is_of_session(file):
+            output.print(f"Use: {how_to_use(file, target)}", soft_wrap=True, highlight=False)
 
 
 def import_files(

@@ -254,11 +254,17 @@ def _print_session(session: Any, source: Any) -> None:
         f"{stream['published']} blocks published, {_or_unknown(stream['recorded'])} recorded, "
         f"{_or_unknown(stream['lost'])} lost, {stream['recovered']} recovered, "
         f"{stream['late']} late, {stream['duplicate']} duplicate; "
-        f"{figures['duration_s']:.0f} s of measurements in {timing['wall_s']:.1f} s"
+        f"{_measured(figures)} in {timing['wall_s']:.1f} s"
     )
     output.print("Written: " + ", ".join(str(path) for path in session.files), soft_wrap=True)
     if any(path.suffix == ".rrd" for path in session.files):
         output.print(f"Open it: rerun {session.files[1]}", soft_wrap=True)
+
+
+def _measured(figures: dict[str, Any]) -> str:
+    """Return how long was measured, and over how long where pauses lie between."""
+    measured, whole = f"{figures['measured_s']:.0f}", f"{figures['duration_s']:.0f}"
+    return f"{measured} s of measurements" + (f" over {whole} s" if whole != measured else "")
 
 
 def node(

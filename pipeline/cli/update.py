@@ -33,7 +33,7 @@ DESIGN_STD = 0.2  # of springs of a design, where none is stated [-]
 
 
 def update(
-    file: Annotated[Path, typer.Argument(help="An MCAP recording or session.")],
+    file: Annotated[Path, typer.Argument(help="An MCAP recording, or a session's folder.")],
     sampler: SamplerOption = None,
     scenario: ScenarioOption = None,
     identify: Annotated[

@@ -9,9 +9,9 @@ from pathlib import Path
 from pipeline.export.results import RESULT_TABLES, ResultTable, tables_of
 from pipeline.export.samples import samples_schema, samples_table
 from pipeline.export.table_file import Format, TableFile
-from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.reader import read_metadata
 from pipeline.sources.recorded_stream import SensorMessage, each_block_once, sensor_messages
-from pipeline.sources.session_files import session_files
+from pipeline.sources.session_files import session_files, session_messages
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import ReplayedTower
@@ -38,7 +38,7 @@ def export(
     Parameters
     ----------
     recording : Path
-        A file, or a folder with a session's parts.
+        A file, or a folder with a session's parts and earlier starts.
     folder : Path
         Created where it is missing.
     report : Callable[[AccelerationBlock], None] | None, optional
@@ -143,7 +143,7 @@ def recorded_samples(
 
 def _export_results(files: list[Path], tables: _TableFiles) -> None:
     wanted = tuple(dict.fromkeys(table.message for table in RESULT_TABLES))
-    for message in (message for file in files for message in read_messages(file, wanted)):
+    for message in session_messages(files, wanted):
         for table in tables_of(message):
             if rows := list(table.rows(message)):
                 tables.of_results(table).add_rows(rows)

@@ -1,18 +1,28 @@
 """Where a farm's posteriors and events come from: recordings, or sessions that run."""
 
+import logging
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 from pipeline.farm.settings import FarmError
 from pipeline.messages import FoundationEvent, FoundationPosterior, Message
+from pipeline.recording.file_order import session_in
 from pipeline.recording.reader import read_messages
+from pipeline.recording.salvage import what_to_do
+from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.transport.bus import Bus, Inbox
+from sensors.acquisition.blocks import NANOSECONDS
+
+logger = logging.getLogger(__name__)
 
 FIRST_PATIENCE = 10.0  # for the first posterior of a session that runs [s]
 QUIET_STORE = 1.0  # without a further one: all have come that were kept [s]
 
+
+_UNFINISHED = f"*.mcap{ACTIVE_SUFFIX}"
 
 FarmMessage = FoundationPosterior | FoundationEvent
 FARM_MESSAGES = (FoundationPosterior, FoundationEvent)
@@ -35,6 +45,11 @@ class _Collected:
         if before is None or message.time_ns >= before.time_ns:
             self._latest[message.turbine] = message
 
+    @property
+    def posteriors(self) -> list[FoundationPosterior]:
+        """The last one of every turbine."""
+        return list(self._latest.values())
+
     def messages(self) -> list[FarmMessage]:
         """Posteriors, then events; nothing where there is no posterior."""
         return [*self._latest.values(), *self._events.values()] if self._latest else []
@@ -43,28 +58,91 @@ class _Collected:
 def recorded_turbines(paths: Sequence[Path]) -> list[FarmMessage]:
     """The last posterior of every turbine and the events in recordings, or in all of some folders.
 
-    Raises FarmError where there is no posterior, RecordingError for a file that cannot be read.
+    Of a turbine that has posteriors in several sessions the latest by time is used; each other
+    session is named in a warning.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Recordings, folders with recordings or sessions, or folders of such folders.
+
+    Raises
+    ------
+    FarmError
+        Where there is no posterior.
+    RecordingError
+        For a file that cannot be read.
     """
     collected = _Collected()
-    for path in _files(paths):
-        for message in read_messages(path, FARM_MESSAGES):
-            collected.take(message)
-    found = collected.messages()
-    if not found:
+    latest: dict[str, tuple[int, Path]] = {}  # turbine → end of its window [ns], session
+    for session in _sessions(paths):
+        own = _Collected()
+        for file in session:
+            for message in read_messages(file, FARM_MESSAGES):
+                own.take(message)
+                collected.take(message)
+        for posterior in own.posteriors:
+            found = (posterior.time_ns, session[-1])
+            before = latest.get(posterior.turbine)
+            if before is None:
+                latest[posterior.turbine] = found
+                continue
+            used, unused = (found, before) if found[0] >= before[0] else (before, found)
+            latest[posterior.turbine] = used
+            logger.warning("%s", _not_used(posterior.turbine, unused, used))
+    found_messages = collected.messages()
+    if not found_messages:
         names = ", ".join(map(str, paths))
         raise FarmError(f"no posterior is recorded in {names}; `pilewatch run` makes some")
-    return found
+    return found_messages
 
 
-def _files(paths: Sequence[Path]) -> Iterator[Path]:
+def _not_used(turbine: str, unused: tuple[int, Path], used: tuple[int, Path]) -> str:
+    """Return in words which of two sessions of one turbine is not used, and why."""
+    if unused[0] == used[0]:
+        why = f"{used[1]} has one of the same time and was given later"
+    else:
+        why = f"{used[1]} has a later one ({_utc(used[0])})"
+    return f"{turbine}: the posterior in {unused[1]} ({_utc(unused[0])}) is not used: {why}"
+
+
+def _utc(time_ns: int) -> str:
+    return f"{datetime.fromtimestamp(time_ns // NANOSECONDS, UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _sessions(paths: Sequence[Path]) -> Iterator[list[Path]]:
+    """Yield the files of each session: a folder's with its starts; other recordings one by one."""
     for path in paths:
         if not path.is_dir():
-            yield path
+            yield [path]
             continue
-        found = sorted(path.glob("*.mcap"))
+        found = [*_sessions_in(path)] or [*_sessions_below(path)]
         if not found:
-            raise FarmError(f"the folder {path} holds no recording (*.mcap)")
+            raise FarmError(_without_recording(path))
         yield from found
+
+
+def _sessions_below(folder: Path) -> Iterator[list[Path]]:
+    for below in sorted(each for each in folder.iterdir() if each.is_dir()):
+        found = [*_sessions_in(below)]
+        if not found and any(below.glob(_UNFINISHED)):
+            logger.warning("not used: %s", _without_recording(below))
+        yield from found
+
+
+def _sessions_in(folder: Path) -> Iterator[list[Path]]:
+    session, _ = session_in(folder)
+    others = [[file] for file in sorted(folder.glob("*.mcap")) if file not in session]
+    yield from [*others, session] if session else others
+
+
+def _without_recording(folder: Path) -> str:
+    for unfinished in sorted(folder.glob(_UNFINISHED)):
+        return (
+            f"the folder {folder} holds only {unfinished.name}: its run goes on (give no file, but "
+            f"--out {folder}), or was killed; {what_to_do(unfinished)}"
+        )
+    return f"the folder {folder} holds no recording (*.mcap), nor does a folder in it"
 
 
 class RunningFarm:

@@ -112,7 +112,8 @@ def turbine_figures(run: RunState, turbine: str, *, wall: float = 0.0, live: boo
     figures: Json = with_nulls(
         {
             "turbine": state.turbine,
-            "duration_s": state.duration,
+            "duration_s": state.duration,  # from the first sample to the last
+            "measured_s": state.measured_time,
             "windows": {
                 "identified": state.n_identified,
                 "rejected": [
@@ -128,7 +129,7 @@ def turbine_figures(run: RunState, turbine: str, *, wall: float = 0.0, live: boo
             "books": books,
             "timing": {
                 "wall_s": wall,
-                "realtime_factor": state.duration / wall if wall > 0 else None,
+                "realtime_factor": state.measured_time / wall if wall > 0 else None,
                 "identify_s_per_window": _busy(state, "identification"),
                 "update_s_per_window": _busy(state, "updating"),
             },

@@ -14,14 +14,14 @@ from pipeline.messages import (
 )
 from pipeline.offline.stopped_runs import stopped_runs
 from pipeline.recording.errors import RecordingError
+from pipeline.recording.file_order import SESSION_FILE
 from pipeline.recording.latest_messages import files_of, readable_messages
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
 from pipeline.recording.rotation import RESULTS
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS, FOLDER, parsed
 from pipeline.scenario import scenario_from_metadata
-from pipeline.sources.session_files import SESSION_FILE
-from pipeline.state.books import Books
+from pipeline.state.books import REPORTED_WITHIN, Books
 from pipeline.state.phrases import count_noun
 from pipeline.updating.checkpoint import CheckpointError
 from sensors.acquisition.blocks import AccelerationBlock
@@ -53,16 +53,16 @@ class AuditPeriod:
     def messages(self, messages: Iterable[Message]) -> Iterator[Message]:
         """Yield the messages of the period, and all statuses.
 
-        Of each unit the block before the first and the one after the last are among them, so that
-        a gap over an edge counts whole. The end of a stream is left out: its count of blocks is of
-        all of them.
+        Of each unit the block before the first and some after the last are among them, so that a
+        gap over an edge counts whole and is none of which blocks may still come; see
+        `is_outside`. The end of a stream is left out: its count of blocks is of all of them.
         """
         before: dict[StreamOfUnit, AccelerationBlock] = {}
-        ended: set[StreamOfUnit] = set()
+        after: dict[StreamOfUnit, list[int]] = {}
         for message in messages:
             match message:
                 case AccelerationBlock():
-                    yield from self._blocks(message, before, ended)
+                    yield from self._blocks(message, before, after)
                 case StreamGap():
                     if message.end_ns > self.since_ns and message.start_ns < self.until_ns:
                         yield message
@@ -77,6 +77,10 @@ class AuditPeriod:
                 case _:
                     yield message
 
+    def is_outside(self, message: Message) -> bool:
+        """Whether it is one of the blocks beside the period that `messages` gives too."""
+        return isinstance(message, AccelerationBlock) and not self._has(message.end_ns)
+
     def _has(self, end_ns: int) -> bool:
         return self.since_ns < end_ns <= self.until_ns
 
@@ -84,17 +88,21 @@ class AuditPeriod:
         self,
         block: AccelerationBlock,
         before: dict[StreamOfUnit, AccelerationBlock],
-        ended: set[StreamOfUnit],
+        after: dict[StreamOfUnit, list[int]],
     ) -> Iterator[AccelerationBlock]:
         unit = (block.turbine, block.unit, block.session)
         if block.end_ns <= self.since_ns:
             before[unit] = block
-        elif self._has(block.end_ns) or unit not in ended:
-            if unit in before:
-                yield before.pop(unit)
-            yield block
-            if not self._has(block.end_ns):
-                ended.add(unit)
+            return
+        if not self._has(block.end_ns):
+            numbers = after.setdefault(unit, [])
+            follows = not numbers or block.sequence == numbers[-1] + 1
+            if not follows or len(numbers) >= REPORTED_WITHIN:
+                return
+            numbers.append(block.sequence)
+        if unit in before:
+            yield before.pop(unit)
+        yield block
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +131,8 @@ class Audit:
         found = len(self.violations)
         verdict = "the books balance" if not found else count_noun(found, "violation")
         files = count_noun(self.n_files, "file")
+        if not found and self.books.is_empty:
+            return f"{self.folder}: nothing was recorded in this period; {files}"
         left = f" ({self.n_open} not closed: its run goes on or was killed)" if self.n_open else ""
         return f"{self.folder}: {verdict}; {files}{left}, {self.books.line}"
 
@@ -150,19 +160,24 @@ def audit(folder: Path, period: AuditPeriod | None = None) -> Audit:
     Raises
     ------
     InputError
-        If the folder holds no recording.
+        If there is no such folder, or it holds no recording.
     """
+    if not folder.exists():
+        raise InputError(f"{folder} does not exist; give the folder of a run (its --out)")
     files = recordings_of(folder)
     if not files:
         raise InputError(f"{folder} holds no recording; give the folder of a run (its --out)")
     books = Books(updates=_has_structure(files))
     damaged = list(_damaged_snapshots(folder))
     messages = _all_messages(files, damaged)
-    is_whole = period is None or period.whole
-    chosen = messages if period is None or period.whole else period.messages(messages)
-    for message in chosen:
-        books.handle(message)
-    unrecorded = tuple(_not_recorded(folder, files, books)) if is_whole else ()
+    if period is None or period.whole:
+        for message in messages:
+            books.handle(message)
+        unrecorded = tuple(_not_recorded(folder, files, books))
+    else:
+        for message in period.messages(messages):
+            books.handle(message, outside=period.is_outside(message))
+        unrecorded = ()
     n_open = sum(file.name.endswith(ACTIVE_SUFFIX) for file in files)
     return Audit(folder, books, unrecorded, tuple(damaged), len(files), n_open)
 

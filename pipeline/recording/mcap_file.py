@@ -75,6 +75,10 @@ def open_recording(path: Path) -> BinaryIO:
     """Return the opened file. Raises RecordingError where it is missing or no recording at all."""
     try:
         file = path.open("rb")
+    except IsADirectoryError as error:
+        raise RecordingError(
+            f"cannot read the recording {path}: it is a folder; give a file in it"
+        ) from error
     except OSError as error:
         raise RecordingError(
             f"cannot read the recording {path}: {error.strerror or error}"
@@ -173,6 +177,19 @@ def record_offsets(file: BinaryIO) -> Iterator[tuple[int, int]]:
         offset += _RECORD_HEAD.size + length
 
 
+def incomplete_bytes(file: BinaryIO) -> int:
+    """How many bytes at the end of a file are of no complete record; 0 where only its summary is
+    cut off, which holds no message."""
+    end = len(MCAP_MAGIC)
+    for offset, opcode in record_offsets(file):
+        if opcode == Opcode.DATA_END:
+            return 0
+        file.seek(offset + 1)  # behind the opcode
+        (length,) = struct.unpack("<Q", file.read(8))
+        end = offset + _RECORD_HEAD.size + length
+    return max(0, file.seek(0, 2) - end)
+
+
 def record_at(file: BinaryIO, offset: int) -> Record:
     """Return the complete record that begins there."""
     file.seek(offset)
@@ -226,6 +243,7 @@ class McapChannels:
     def __init__(self) -> None:
         self.foreign: set[str] = set()  # topics of other programs
         self.known: set[str] = set()  # topics of ours
+        self.n_foreign = 0  # messages of other programs
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, tuple[type | None, str]] = {}
 
@@ -261,7 +279,9 @@ class McapChannels:
 
     def _message(self, part: McapMessage) -> Iterator[RecordedMessage]:
         message_type, key = self._channels[part.channel_id]
-        if message_type is not None:
+        if message_type is None:
+            self.n_foreign += 1
+        else:
             yield RecordedMessage(message_type, key, part.log_time, part.publish_time, part.data)
 
 

@@ -13,11 +13,12 @@ from pipeline.recording.mcap_file import (
     McapChannels,
     RecordedMessage,
     checked_records,
+    complete_records,
     is_closed_properly,
     metadata_section,
     open_recording,
 )
-from pipeline.recording.salvage import what_is_left
+from pipeline.recording.salvage import what_is_left, what_to_do
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
 
@@ -75,12 +76,37 @@ def read_metadata(path: Path) -> dict[str, dict[str, str]]:
             raise RecordingError(f"{path} is damaged: its metadata cannot be read") from error
 
 
+def leading_metadata(path: Path) -> dict[str, dict[str, str]]:
+    """Section → name → text as far as they stand before the first chunk, where a recorder writes
+    them; the rest of the file is not read.
+
+    Raises
+    ------
+    RecordingError
+        Where the file is missing, no recording, or damaged there.
+    """
+    sections: dict[str, dict[str, str]] = {}
+    with open_recording(path) as file:
+        for record in complete_records(file):
+            if record.opcode == Opcode.CHUNK:
+                break
+            if record.opcode == Opcode.METADATA:
+                try:
+                    name, texts = metadata_section(record)
+                except MCAP_DAMAGE as error:
+                    raise RecordingError(
+                        f"{path} is damaged: its metadata cannot be read"
+                    ) from error
+                sections[name] = texts
+    return sections
+
+
 def _opened_whole(path: Path) -> BinaryIO:
     file = open_recording(path)
     if not is_closed_properly(file):
         with file:
             left = what_is_left(file)
-        how = f"; `pilewatch salvage {path}` does it" if left.messages else ""
+        how = f"; {what_to_do(path)}" if left.messages else ""
         raise RecordingError(f"{path} was cut off before its end: {left}{how}")
     return file
 

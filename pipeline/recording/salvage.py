@@ -8,12 +8,15 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 
 from pipeline.messages import Message
+from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import (
     MCAP_DAMAGE,
     McapChannels,
     RecordedMessage,
     chunk_records,
     complete_records,
+    incomplete_bytes,
+    is_closed_properly,
     metadata_section,
     open_recording,
     summary_of,
@@ -22,6 +25,8 @@ from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+
+_SALVAGED = ".salvaged.mcap"  # how the name of what was salvaged ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,16 +42,24 @@ class SalvagedContent:
     """In complete chunks, but not what their channel says."""
     duration: float
     """From the first sample of any unit to the last of any [s]."""
+    foreign_messages: int = 0
+    """Of other programs, which no recording of ours takes."""
+    foreign: tuple[str, ...] = ()
+    """Topics of other programs."""
+    cut_bytes: int = 0
+    """Of the incomplete end of a file that was cut off."""
+    gone_messages: int = 0
+    """That the file's own summary counts and that cannot be read."""
 
     def __str__(self) -> str:
         if not self.messages:
-            return f"nothing of it can be salvaged{self._damage}"
-        return f"{self._what}, can be salvaged{self._damage}"
+            return f"nothing of it can be salvaged{self._lost}"
+        return f"{self._what}, can be salvaged{self._lost}"
 
     @property
     def recovered(self) -> str:
         """Return in words what was salvaged."""
-        return f"{self._what}{self._damage}"
+        return f"{self._what}{self._lost}"
 
     @property
     def _what(self) -> str:
@@ -56,14 +69,46 @@ class SalvagedContent:
         )
 
     @property
-    def _damage(self) -> str:
-        return f" ({self.damaged_chunks} more are damaged)" if self.damaged_chunks else ""
+    def _lost(self) -> str:
+        """What is not among it, as far as the file shows."""
+        parts = []
+        if self.damaged_chunks:
+            gone = f": {self.gone_messages} messages are gone" if self.gone_messages else ""
+            parts.append(f"{self.damaged_chunks} more are damaged{gone}")
+        if self.unreadable_messages:
+            parts.append(f"{self.unreadable_messages} messages are unreadable")
+        if self.cut_bytes:
+            parts.append(f"the last {self.cut_bytes} bytes are incomplete: they are gone")
+        if self.foreign_messages:
+            topics = ", ".join(self.foreign)
+            parts.append(
+                f"{self.foreign_messages} messages of other programs are left out: {topics}"
+            )
+        return f" ({'; '.join(parts)})" if parts else ""
 
 
 def salvaged_name(source: Path) -> Path:
     """Return where the remains of a recording go unless another place is given."""
     name = source.name.removesuffix(ACTIVE_SUFFIX)
-    return source.parent / f"{name}.salvaged.mcap"
+    return source.parent / f"{name}{_SALVAGED}"
+
+
+def what_to_do(source: Path) -> str:
+    """Return in words the way on with a recording that was cut off: salvage it, or use what was
+    salvaged already."""
+    salvaged = salvaged_name(source)
+    if not salvaged.exists():
+        return f"`pilewatch salvage {source}` makes a recording of what is in it"
+    return f"{salvaged} was salvaged from it: {how_to_use(source, salvaged)}"
+
+
+def how_to_use(source: Path, salvaged: Path) -> str:
+    """Return in words how a salvaged recording is read, by itself or with its folder."""
+    place = source.with_name(source.name.removesuffix(ACTIVE_SUFFIX))
+    return (
+        f"give that file alone, or, to read the folder, move {source.name} out of it and then "
+        f"{salvaged.name} to {place}"
+    )
 
 
 def salvage(source: Path, target: Path) -> SalvagedContent:
@@ -79,9 +124,14 @@ def salvage(source: Path, target: Path) -> SalvagedContent:
     Raises
     ------
     RecordingError
-        If the source is no recording, or the target exists or cannot be written; nothing is left of
-        it then.
+        If the source is no recording or holds no message that can be read, or the target exists or
+        cannot be written; nothing is left of it then.
     """
+    if source.is_dir():
+        raise RecordingError(
+            f"{source} is a folder; give the recording in it that is cut or damaged, such as "
+            f"{_damaged_in(source)}"
+        )
     with open_recording(source) as file:
         remains = Remains()
         with whole_recording(target, metadata=remaining_metadata(file)) as recorder:
@@ -91,7 +141,17 @@ def salvage(source: Path, target: Path) -> SalvagedContent:
                     recorder.record(
                         message, log_time=recorded.log_time, publish_time=recorded.publish_time
                     )
-    return remains.counted()
+            content = remains.counted()
+            if not content.messages:
+                raise RecordingError(f"{source}: {content}; no file was written")
+    return content
+
+
+def _damaged_in(folder: Path) -> Path:
+    """A recording of a folder that may be meant: the one that a killed run left open, if any."""
+    unfinished = sorted(folder.glob(f"*.mcap{ACTIVE_SUFFIX}"))
+    closed = [each for each in folder.glob("*.mcap") if not each.name.endswith(_SALVAGED)]
+    return (unfinished or sorted(closed) or [folder / "session.mcap"])[-1]
 
 
 def what_is_left(file: BinaryIO) -> SalvagedContent:
@@ -108,13 +168,20 @@ class Remains:
     def __init__(self) -> None:
         self.lost_bytes = 0  # of damaged chunks, as they lie in the file
         self._chunks = self._damaged = self._messages = self._unreadable = 0
+        self._channels = McapChannels()
+        self._cut_bytes = 0
+        self._expected: int | None = None  # messages by the file's summary
         self._starts_ns: list[int] = []
         self._ends_ns: list[int] = []
 
     def messages(self, file: BinaryIO) -> Iterator[RecordedMessage]:
         """Yield what the complete chunks hold, in order, not yet decoded."""
-        channels, summary = McapChannels(), summary_of(file)
+        channels, summary = self._channels, summary_of(file)
         channels.learn(summary)
+        if summary is not None and summary.statistics is not None:
+            self._expected = summary.statistics.message_count
+        elif not is_closed_properly(file):
+            self._cut_bytes = incomplete_bytes(file)
         for record in chunk_records(file, summary):
             try:
                 messages = channels.messages(record)
@@ -140,6 +207,7 @@ class Remains:
 
     def counted(self) -> SalvagedContent:
         """Return what has been met until now."""
+        met = self._messages + self._unreadable + self._channels.n_foreign
         span_ns = max(self._ends_ns, default=0) - min(self._starts_ns, default=0)
         return SalvagedContent(
             chunks=self._chunks,
@@ -147,6 +215,10 @@ class Remains:
             messages=self._messages,
             unreadable_messages=self._unreadable,
             duration=span_ns / NANOSECONDS,
+            foreign_messages=self._channels.n_foreign,
+            foreign=tuple(sorted(self._channels.foreign)) if self._channels.n_foreign else (),
+            cut_bytes=self._cut_bytes,
+            gone_messages=0 if self._expected is None else max(0, self._expected - met),
         )
 
 

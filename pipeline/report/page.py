@@ -47,6 +47,7 @@ from pipeline.report.tables import (
     warnings_table,
 )
 from pipeline.report.wording import between_instants, percent, span
+from pipeline.sources.session_files import not_included_line
 from pipeline.state.phrases import FIGURES_NOTE, count_noun
 from pipeline.state.posterior_json import plus_minus
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
@@ -66,6 +67,7 @@ SETTING_NAMES = {  # as recordings store them
     "truth.k22": "true k22 [N·m/rad]",
     "truth.k12": "true k12 [N/rad]",
     "run.epoch": "starts of the session in this folder",
+    "run.fresh": "started with --fresh",
 }
 TRUE_SPRINGS = ("truth.k11", "truth.k22", "truth.k12")
 
@@ -120,6 +122,8 @@ def _provenance(session: RecordedSession) -> str:
     if session.unread:
         names = ", ".join(path.name for path in session.unread)
         parts.append(paragraph(f"Still being written, not in this report: {names}.", "quiet"))
+    if session.others:
+        parts.append(paragraph(f"In the folder, {not_included_line(session.others)}.", "quiet"))
     return "".join(parts)
 
 

@@ -15,11 +15,16 @@ from pipeline.messages import (
 )
 from pipeline.monitoring.summary import turbine_figures
 from pipeline.recording.errors import RecordingError
-from pipeline.recording.reader import read_messages, read_metadata
+from pipeline.recording.reader import read_metadata
 from pipeline.recording.writer import Metadata
 from pipeline.report.pictures.samples import SignalRecord
 from pipeline.scenario import Scenario, scenario_from_metadata
-from pipeline.sources.session_files import session_files, unfinished_files
+from pipeline.sources.session_files import (
+    earlier_sessions,
+    session_files,
+    session_messages,
+    unfinished_files,
+)
 from pipeline.state.run_state import RunState
 from pipeline.state.turbine_state import TurbineState
 from pipeline.updating.prior import PriorSettings
@@ -94,10 +99,12 @@ class RecordedSession:
     prior: PriorSettings | None
     """Prior of its scenario; None where it is not known."""
     turbines: tuple[TurbineRecord, ...]
+    others: tuple[Path, ...] = ()
+    """Recordings of other sessions in its folder."""
 
 
 def read_session(path: Path) -> RecordedSession:
-    """Return a recorded session: a file, or a folder with its parts.
+    """Return a recorded session: a file, or a folder with its parts and earlier starts.
 
     Raises
     ------
@@ -107,9 +114,9 @@ def read_session(path: Path) -> RecordedSession:
         For a folder without recordings.
     """
     files = session_files(path)
-    run = RunState()
+    run = RunState(once=True)  # a start records again what publishers send again
     signals: defaultdict[str, SignalRecord] = defaultdict(SignalRecord)
-    for message in (message for file in files for message in read_messages(file)):
+    for message in session_messages(files):
         run.fold(message)
         signals[message.turbine].fold(message)
     metadata = read_metadata(files[-1])
@@ -131,6 +138,7 @@ def read_session(path: Path) -> RecordedSession:
         metadata=metadata,
         prior=None if scenario is None else scenario.updating.prior,
         turbines=tuple(turbines),
+        others=tuple(earlier_sessions(path)),
     )
 
 

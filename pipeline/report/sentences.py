@@ -223,9 +223,12 @@ def measurement_sentences(record: TurbineRecord) -> list[str]:
 def _measured_duration(record: TurbineRecord) -> str:
     summary, (start_ns, end_ns) = record.state, record.span_ns
     windows = count_noun(len(summary.estimates), "window")
-    measured = span((end_ns - start_ns) / NANOSECONDS)
+    measured, whole = span(summary.measured_time), span((end_ns - start_ns) / NANOSECONDS)
+    when = f"from {between_instants(start_ns, end_ns)}"
+    if measured != whole:
+        when = f"over {whole}, {when},"
     return (
-        f"{measured} of measurements from {between_instants(start_ns, end_ns)} gave "
+        f"{measured} of measurements {when} gave "
         f"{windows} with {count_noun(len(summary.modes), 'mode')} in all."
     )
 

@@ -5,11 +5,11 @@ import logging
 from datetime import UTC, datetime
 from pathlib import Path
 
+from pipeline.recording.file_order import SESSION_FILE
 from pipeline.recording.rotation import close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
-from pipeline.sources.session_files import SESSION_FILE
 from pipeline.sources.sources import Source
 from sensors.atomic_write import make_folder_durably, written_whole
 from sensors.errors import InputError

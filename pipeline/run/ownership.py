@@ -38,7 +38,7 @@ class Ownership:
 
 @contextmanager
 def owned(
-    out: Path, what: str = "run", *, patience: float = ENDING_PATIENCE
+    out: Path, what: str = "run", *, fresh: bool = False, patience: float = ENDING_PATIENCE
 ) -> Iterator[Ownership]:
     """Own a folder for as long as the context lasts.
 
@@ -48,6 +48,8 @@ def owned(
         The folder, which exists.
     what : str
         The command that owns it, for people; "node recorder" owns that node's files alone.
+    fresh : bool
+        Whether it goes on from nothing of what the owners before it left.
     patience : float
         How long processes of an owner that is gone are waited for [s].
 
@@ -70,7 +72,7 @@ def owned(
             "host": socket.gethostname(),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
             "what": what,
-        }
+        } | ({"fresh": True} if fresh else {})
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, json.dumps(owner).encode() + b"\n", 0)
         os.fsync(descriptor)
@@ -86,6 +88,14 @@ def epoch_of(out: Path) -> int:
         return int(content["epoch"])
     except (OSError, ValueError, KeyError, TypeError):
         return 0
+
+
+def is_fresh(out: Path) -> bool:
+    """Whether the run that owns a folder began with --fresh, for node processes of it."""
+    try:
+        return bool(json.loads((out / LOCK).read_text()).get("fresh"))
+    except (OSError, ValueError, AttributeError):
+        return False
 
 
 def _lock(descriptor: int, out: Path, patience: float) -> None:

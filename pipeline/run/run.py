@@ -19,6 +19,7 @@ from pipeline.monitoring.status import STATUS_KEY, StatusNode
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.nodes.node import Node, Plan
 from pipeline.nodes.sharding import ShardedNode, parsed_shard
+from pipeline.recording.file_order import FRESH
 from pipeline.recording.latest_messages import files_of
 from pipeline.recording.rotation import raw_files
 from pipeline.run.endpoints import ZenohEndpoints, meeting_point, open_hub
@@ -34,7 +35,7 @@ from pipeline.run.folder import (
     write_summary,
 )
 from pipeline.run.options import SessionOptions
-from pipeline.run.ownership import Ownership, epoch_of, owned
+from pipeline.run.ownership import Ownership, epoch_of, is_fresh, owned
 from pipeline.run.processes import SHARED, node_command, processes, require_processes
 from pipeline.runtime.flow_control import UNACKNOWLEDGED_BLOCKS
 from pipeline.runtime.lock_step import run_lock_step
@@ -94,7 +95,7 @@ def run_session(
         For what must be looked into.
     """
     make_folder(options.out)
-    with owned(options.out) as ownership:
+    with owned(options.out, fresh=options.fresh) as ownership:
         source = prepare_folder(source, options.out)
         run = _Run(source, options, ownership, report, scenario_option, stopping)
         return run.finished()
@@ -219,7 +220,12 @@ def _sinks_beside(options: SessionOptions, stack: ExitStack) -> Iterator[Node]:
 
 
 def session_outputs(
-    source: Source, options: SessionOptions, earlier: tuple[Path, ...] = (), *, epoch: int = 0
+    source: Source,
+    options: SessionOptions,
+    earlier: tuple[Path, ...] = (),
+    *,
+    epoch: int = 0,
+    fresh: bool = False,
 ) -> Outputs:
     """Return the files and viewers of a session.
 
@@ -233,6 +239,8 @@ def session_outputs(
         Recordings in which nodes find what they have not answered yet.
     epoch : int, optional
         Number of the run, by its folder's lock.
+    fresh : bool, optional
+        Whether it goes on from nothing of an earlier run; also where the options have it.
 
     Raises
     ------
@@ -248,9 +256,10 @@ def session_outputs(
         require_rerun(views)
     name = f"{source.layout.turbine} {source.text}"
     kept = options.way != "lock-step"
+    begins = {FRESH: "yes"} if source.is_live and (fresh or options.fresh) else {}
     return Outputs(
         recording=options.out / RECORDING,
-        metadata={**source.metadata, "run": {"epoch": str(epoch)}},
+        metadata={**source.metadata, "run": {"epoch": str(epoch)} | begins},
         views=views,
         session=name,
         checkpoints=options.out / CHECKPOINTS if kept else None,
@@ -308,13 +317,13 @@ def run_node(
     """
     make_folder(options.out)
     with ExitStack() as stack:
-        epoch = epoch_of(options.out)
+        epoch, fresh = epoch_of(options.out), tied and is_fresh(options.out)
         if not tied:
             what = f"node {name}" if shard is None else f"node {name} {shard}"
             epoch = stack.enter_context(owned(options.out, what)).epoch
         recording = options.out / RECORDING
         earlier = () if options.fresh else tuple({*raw_files(recording), *files_of(recording)})
-        outputs = session_outputs(source, options, earlier, epoch=epoch)
+        outputs = session_outputs(source, options, earlier, epoch=epoch, fresh=fresh)
         graph = build(source.scenario, source.layout, outputs, source.layouts)
         plans = {plan.name: plan for plan in graph}
         if name not in plans:

@@ -6,16 +6,16 @@ from pathlib import Path
 from pipeline.app import Outputs, build
 from pipeline.messages import FoundationTruth, Message, ModalEstimate
 from pipeline.monitoring.summary import SessionSummary
-from pipeline.recording.reader import read_messages
 from pipeline.runtime.lock_step import run_lock_step
 from pipeline.runtime.source_feed import BlockReport
+from pipeline.sources.session_files import files_to_read, session_files, session_messages
 from pipeline.sources.sources import Source
 from sensors.acquisition.blocks import AccelerationBlock
 
 
 def holds_estimates(path: Path) -> bool:
-    """Return whether a recording holds modal estimates."""
-    return next(iter(read_messages(path, (ModalEstimate,))), None) is not None
+    """Return whether a recording, or the session in a folder, holds modal estimates."""
+    return next(session_messages(files_to_read(path), (ModalEstimate,)), None) is not None
 
 
 def update_from(
@@ -53,4 +53,4 @@ def _estimates(source: Source) -> Iterator[Message]:
     if source.truth is not None:
         yield source.truth
     wanted = (ModalEstimate, FoundationTruth, AccelerationBlock)
-    yield from read_messages(source.recording, wanted)
+    yield from session_messages(session_files(source.recording), wanted)

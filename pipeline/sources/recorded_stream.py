@@ -15,6 +15,7 @@ from pathlib import Path
 from pipeline.recording.file_order import logical_starts, stretch_of
 from pipeline.recording.info import UnitInfo, recording_info
 from pipeline.recording.reader import read_messages
+from pipeline.recording.salvage import what_to_do
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from sensors.acquisition.blocks import NANOSECONDS, RESTART_SILENCE, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
@@ -180,7 +181,7 @@ def _without_recording(folder: Path) -> str:
         return f"the folder {folder} holds no recording with acceleration blocks{hint}"
     return (
         f"the folder {folder} holds only {unfinished[-1].name}: its run goes on, or was killed; "
-        f"`pilewatch salvage {unfinished[-1]}` makes a recording of what is in it"
+        f"{what_to_do(unfinished[-1])}"
     )
 
 

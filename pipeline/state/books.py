@@ -59,6 +59,9 @@ class BlockBook:
     """Earliest stamp of a block that arrived [ns]."""
     end_ns: int | None = None
     """Latest end of one [ns]."""
+    outside: int = 0
+    """Of those that arrived, the ones outside of the period that is looked at: they show whether
+    blocks are missing at its edges."""
 
     def enter(self, block: AccelerationBlock, *, unused_before: int) -> bool:
         """Enter a block that arrived; return whether for the first time.
@@ -92,8 +95,13 @@ class BlockBook:
 
     @property
     def is_known(self) -> bool:
-        """Whether a block arrived."""
-        return bool(self.recorded) or self.received > 0
+        """Whether a block of the period arrived, or is missing from it."""
+        return self.n_recorded > 0 or self.received > 0 or bool(self.outside and self.missing)
+
+    @property
+    def n_recorded(self) -> int:
+        """Different blocks that arrived, of the period that is looked at."""
+        return len(self.recorded) - self.outside
 
     @property
     def missing(self) -> Intervals:
@@ -139,7 +147,7 @@ class BlockBook:
         """Return the book in figures; names are stable."""
         return {
             "published": self.published,
-            "recorded": len(self.recorded),
+            "recorded": self.n_recorded,
             "repeated": self.repeated,
             "late": len(self.late),
             "lost": self.lost,
@@ -194,11 +202,19 @@ class Books:
         self._turbines: BoundedDict[str, TurbineBook] = bounded_table()
         self._nodes: BoundedDict[tuple[str, str], NodeStatus] = bounded_table()
 
-    def handle(self, message: Message) -> bool:
-        """Enter one message; False: a block that has come before."""
+    def handle(self, message: Message, *, outside: bool = False) -> bool:
+        """Enter one message; False: a block that has come before.
+
+        Parameters
+        ----------
+        message : Message
+            In the order of coming.
+        outside : bool, optional
+            Whether it is a block beside the period that is looked at: it is not counted.
+        """
         match message:
             case AccelerationBlock():
-                return self._block(message)
+                return self._block(message, outside=outside)
             case StreamGap():
                 end = message.first_sequence + message.n_blocks
                 book = self._book_at(_session(message), end, message.end_ns)
@@ -220,7 +236,7 @@ class Books:
     def _note_updating(self) -> None:
         self._is_updating = self._updates is not False
 
-    def _block(self, block: AccelerationBlock) -> bool:
+    def _block(self, block: AccelerationBlock, *, outside: bool) -> bool:
         session = _session(block)
         counter = self._boots.pop(session, None) or BootCounter()
         self._boots[session] = counter  # of too many, those that sent nothing for longest go
@@ -233,7 +249,9 @@ class Books:
         if counter.also and present is not None:  # they were taken for the same once more
             present.repeated -= counter.also
             book.recorded.add(block.sequence - counter.also, block.sequence)
-        return book.enter(block, unused_before=unused)
+        is_new = book.enter(block, unused_before=unused)
+        book.outside += is_new and outside
+        return is_new
 
     def _book_at(self, session: tuple[str, str, str], sequence: int, time_ns: int) -> BlockBook:
         """The book of the boot whose block of that number begins at that time, else the present."""
@@ -369,6 +387,12 @@ class Books:
         }
 
     @property
+    def is_empty(self) -> bool:
+        """Whether there is neither a block nor a window."""
+        known = (book for book in self._blocks.values() if book.is_known)
+        return next(known, None) is None and not self._turbines
+
+    @property
     def line(self) -> str:
         """The books in one line."""
         blocks = [book for book in self._blocks.values() if book.is_known]
@@ -377,13 +401,14 @@ class Books:
         silent = sum(pauses_before(self._blocks).values())
         pauses = f" ({silent:.0f} s without samples between boots)" if silent else ""
         unused = f", {refused.total()} not used ({codes_in_words(refused)})" if refused else ""
+        recorded = sum(each.n_recorded for each in blocks)
         return (
-            f"{sum(len(each.recorded) for each in blocks)} blocks of "
+            f"{count_noun(recorded, 'block')} of "
             f"{count_noun(len(blocks), 'boot')} recorded{pauses}, "
             f"{sum(each.lost for each in blocks)} lost{unused}; "
-            f"{sum(each.identified for each in books)} windows identified, "
+            f"{count_noun(sum(each.identified for each in books), 'window')} identified, "
             f"{sum(each.rejected.total() for each in books)} rejected; "
-            f"{sum(each.in_posterior for each in books)} estimates in the posterior, "
+            f"{count_noun(sum(each.in_posterior for each in books), 'estimate')} in the posterior, "
             f"{sum(each.refused.total() for each in books)} refused, "
             f"{sum(len(each.pending) for each in books)} pending"
         )

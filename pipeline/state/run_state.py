@@ -48,7 +48,8 @@ class RunState:
         if now_ns is not None:
             self.health.observe(message, now_ns)
         is_new = self.books.handle(message)
-        self.turbine(message.turbine).fold(message, counts=is_new or not self._once)
+        state = self.turbine(message.turbine)
+        state.fold(message, counts=is_new or not self._once, is_new=is_new)
 
     def turbine(self, name: str) -> TurbineState:
         """Return the state of one turbine, an empty one where nothing is known yet."""

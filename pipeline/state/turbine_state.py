@@ -66,6 +66,8 @@ class UnitState:
     """End of the latest block [ns since 1970-01-01 UTC]; None before the first."""
     samples: int = 0
     """Samples a channel received."""
+    sampled_ns: int = 0
+    """Duration of its blocks, each once [ns]."""
     gaps: int = 0
     """Reports of gaps received."""
     missing_ns: int = 0
@@ -143,6 +145,10 @@ class TurbineState:
     """Start of the first block [ns since 1970-01-01 UTC]."""
     last_ns: int | None = None
     """End of the latest sample [ns since 1970-01-01 UTC]."""
+    covered_ns: int = 0
+    """Time that blocks and identified windows cover together, as far as they came in order [ns]."""
+    covered_until_ns: int = 0
+    """Latest end of one [ns since 1970-01-01 UTC]."""
 
     @classmethod
     def bounded(cls, turbine: str, kept: int) -> "TurbineState":
@@ -153,7 +159,7 @@ class TurbineState:
         truths = BoundedDict[int, FoundationTruth](MOST_TRUTHS)
         return cls(turbine, kept, tracks=tracks, window_warnings=warnings, truths=truths)
 
-    def fold(self, message: Message, *, counts: bool = True) -> None:
+    def fold(self, message: Message, *, counts: bool = True, is_new: bool = True) -> None:
         """Take one message into account.
 
         Parameters
@@ -162,11 +168,15 @@ class TurbineState:
             Of this turbine.
         counts : bool, optional
             False: a block that has been counted before.
+        is_new : bool, optional
+            False: a block that has come before, whether it counts again or not.
         """
         self.received[type(message).__name__] += 1
         match message:
             case AccelerationBlock():
                 self._block(message, counts=counts)
+                if is_new:
+                    self._measure(message)
             case ModalEstimate():
                 self._estimate(message)
             case WindowRejected():
@@ -237,10 +247,24 @@ class TurbineState:
 
     @property
     def duration(self) -> float:
-        """Duration of the measurements [s]."""
+        """From the first sample to the end of the last, gaps and pauses included [s]."""
         if self.first_ns is None or self.last_ns is None:
             return 0.0
         return (self.last_ns - self.first_ns) / NANOSECONDS
+
+    @property
+    def measured_time(self) -> float:
+        """Time of which there are samples, of several units at once counted once [s].
+
+        Where samples have gone with their age, the windows that they gave stand for them. Blocks
+        that came late, or under a clock that was set back, are found in their unit's own sum.
+        """
+        own_ns = max((unit.sampled_ns for unit in self.units.values()), default=0)
+        return max(self.covered_ns, own_ns) / NANOSECONDS
+
+    def _cover(self, start_ns: int, end_ns: int) -> None:
+        self.covered_ns += max(0, end_ns - max(start_ns, self.covered_until_ns))
+        self.covered_until_ns = max(end_ns, self.covered_until_ns)
 
     @property
     def n_rejected(self) -> int:
@@ -280,12 +304,17 @@ class TurbineState:
             self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
             self.last_ns = max(self.last_ns or 0, block.end_ns)
 
+    def _measure(self, block: AccelerationBlock) -> None:
+        self._unit(block.unit).sampled_ns += block.end_ns - block.start_ns
+        self._cover(block.start_ns, block.end_ns)
+
     def _estimate(self, estimate: ModalEstimate) -> None:
         """Keep a window once, even where a restarted identification has seen it again."""
         estimate = without_covariances(estimate)
         self.estimate = self.last_answer = estimate
         if all(not same_window(each, estimate) for each in self.estimates):
             self.estimates.append(estimate)
+            self._cover(estimate.start_ns, estimate.end_ns)
             self.tracks.add(estimate)
             self.window_warnings.add(estimate.warnings)
             self._let_go(self.estimates, "windows", most=LATEST_ESTIMATES)

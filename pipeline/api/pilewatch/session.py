@@ -120,7 +120,8 @@ def open_session(path: str | os.PathLike[str], turbine: str | None = None) -> Se
     Parameters
     ----------
     path : str or path
-        An MCAP file, such as `out/session.mcap`, or a session's folder.
+        An MCAP file, such as `out/session.mcap`, or a session's folder, earlier starts of the
+        session included.
     turbine : str, optional
         Id of the turbine; the first one in the recording by default.
 
@@ -133,12 +134,11 @@ def open_session(path: str | os.PathLike[str], turbine: str | None = None) -> Se
     InputError
         If it is no recording.
     """
-    from pipeline.recording.reader import read_messages
-    from pipeline.sources.session_files import session_files
+    from pipeline.sources.session_files import session_files, session_messages
 
     file = Path(path)
     kinds = (SensorLayout, ModalEstimate, WindowRejected, FoundationPosterior, FoundationEvent)
-    messages = [each for part in session_files(file) for each in read_messages(part, kinds)]
+    messages = list(session_messages(session_files(file), kinds))
     name = turbine or (messages[0].turbine if messages else "")
     ours = [message for message in messages if message.turbine == name]
     layouts = [message for message in ours if isinstance(message, SensorLayout)]

@@ -46,7 +46,10 @@ def _of_text(text: str) -> int:
     try:
         read = datetime.fromisoformat(text)
     except ValueError as error:
-        raise ValueError(f"{text!r:.60} is no time; ISO 8601 or a number since 1970") from error
+        raise ValueError(
+            f"{text!r:.60} is no time; ISO 8601 (2026-03-01T12:00Z) or seconds since 1970 (or ms, "
+            "µs, ns) is one"
+        ) from error
     since = (read if read.tzinfo else read.replace(tzinfo=UTC)) - datetime(1970, 1, 1, tzinfo=UTC)
     time_ns = (since.days * 86_400 + since.seconds) * NANOSECONDS + since.microseconds * 1000
     if not 0 <= time_ns < LATEST_NS:

@@ -218,7 +218,7 @@ def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) ->
         (("control", "seek", "soon"), "a valid number"),
         (("certificates",), "Missing argument 'folder'; `pilewatch certificates --help`"),
         (("cook",), "No such command 'cook'"),
-        (("salvage", ""), "Is a directory"),
+        (("salvage", ""), "is a folder; give the recording in it"),
         (("describe", "--plot", "."), "cannot write the figure ."),
         (("identify", "a.csv", "--highest-frequency", "nan"), "highest_frequency is nan Hz"),
         (("identify", "a.csv", "--plot", "gone/a.png"), "the folder gone does not exist"),

@@ -92,7 +92,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("report short.mcap", "holds measurements but no results"),
     ("report empty", "empty"),
     # audit
-    ("audit gone", "gone"),
+    ("audit gone", "gone does not exist; give the folder of a run"),
     ("audit noise.csv", "noise.csv"),
     ("audit empty", "empty"),
     # simulate
@@ -164,6 +164,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     # update
     ("update gone.mcap", "gone.mcap"),
     ("update noise.csv", "noise.csv"),
+    ("update empty", "the folder empty holds no recording"),
     ("update short.mcap --sampler dice", "'dice' is not one of"),
     ("update short.mcap --scenario gone.toml", "gone.toml"),
     ("update short.mcap --scenario modes-only", "no structural model"),
@@ -268,6 +269,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("identify noise.csv --lowest-frequency -1", "it must be > 0"),
     ("export short.mcap --csv -o noise.csv", "-o noise.csv: File exists; a folder is needed"),
     ("show empty", "the folder empty holds no recording"),
+    ("audit empty --since 1.2.2026", "(2026-03-01T12:00Z) or seconds since 1970"),
     ("audit zero.mcap", "give the folder of a run"),
     ("calibrate short.mcap --design-std 0.2", "--design-std 0.2 is for --design"),
     (

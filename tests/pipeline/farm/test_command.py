@@ -2,6 +2,7 @@
 
 import json
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,8 @@ from pipeline.farm.farm import PoolingSettings, pooled_farm
 from pipeline.farm.results import pooled_posterior
 from pipeline.farm.settings import FarmError, GibbsSettings
 from pipeline.farm.sources import RunningFarm, recorded_turbines
-from pipeline.recording.writer import Recorder
+from pipeline.messages import FoundationPosterior
+from pipeline.recording.writer import Recorder, whole_recording
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from pipeline.updating.population import load_population
@@ -95,6 +97,50 @@ def test_the_last_posterior_of_each_turbine_is_read(recorded: Path) -> None:
     assert sorted(each.turbine for each in recorded_turbines([recorded])) == [
         "t1", "t2", "t3", "t4",
     ]  # fmt: skip
+
+
+def session_of(folder: Path, *posteriors: FoundationPosterior) -> Path:
+    """A session's folder with these posteriors."""
+    folder.mkdir(parents=True)
+    with whole_recording(folder / "session.mcap", metadata={}) as recorder:
+        for each in posteriors:
+            recorder.handle(each)
+    return folder
+
+
+def test_a_session_that_is_not_used_is_named_with_the_reason(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (one, other), _ = drawn_farm(2, seed=1)
+    later = replace(one, time_ns=one.time_ns + 600 * 10**9)
+    old, new = session_of(tmp_path / "old", one), session_of(tmp_path / "new", later)
+    rest = session_of(tmp_path / "rest", other)
+    for paths in ([old, rest, new], [new, rest, old]):
+        caplog.clear()
+        found = recorded_turbines(paths)
+        assert {each.turbine for each in found} == {"t1", "t2"}
+        (line,) = caplog.messages
+        assert line.startswith(f"t1: the posterior in {old / 'session.mcap'} (2023-")
+        assert f"is not used: {new / 'session.mcap'} has a later one (2023-" in line
+    caplog.clear()
+    recorded_turbines([old, session_of(tmp_path / "copy", one)])
+    assert "has one of the same time and was given later" in caplog.text
+
+
+def test_a_folder_of_sessions_is_read_and_one_without_a_closed_recording_says_what_to_do(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    posteriors, _ = drawn_farm(3, seed=1)
+    for each in posteriors:
+        session_of(tmp_path / "farm" / each.turbine, each)
+    assert len(recorded_turbines([tmp_path / "farm"])) == 3
+    assert not caplog.messages
+    killed = tmp_path / "farm" / "t1"
+    (killed / "session.mcap").rename(killed / "session.mcap.active")
+    with pytest.raises(FarmError, match=r"holds only session\.mcap\.active.*pilewatch salvage"):
+        recorded_turbines([killed])
+    assert len(recorded_turbines([tmp_path / "farm"])) == 2
+    assert f"not used: the folder {killed} holds only session.mcap.active" in caplog.text
 
 
 def test_nothing_recorded_is_one_line(tmp_path: Path) -> None:

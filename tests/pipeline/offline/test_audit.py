@@ -155,7 +155,43 @@ def test_a_gap_counts_in_the_period_that_has_it_and_in_no_other(
     (violation,) = audit(copy, over_its_begin).violations
     assert "blocks 100 to 104 are neither recorded nor reported missing" in violation
     (unit,) = audit(copy, after).as_json()["units"]
-    assert unit["recorded"] == len(blocks) - 121 + 1  # with the last one before it
+    assert unit["recorded"] == len(blocks) - 121
+
+
+def test_periods_count_their_own_blocks_alone(folder: Path) -> None:
+    ends = [m.end_ns for m in read_messages(folder / "session.mcap", (AccelerationBlock,))]
+    thirds = [
+        audit(folder, AuditPeriod(until_ns=ends[79])),
+        audit(folder, AuditPeriod(ends[79], ends[159])),
+        audit(folder, AuditPeriod(since_ns=ends[159])),
+    ]
+    recorded = [each.as_json()["units"][0]["recorded"] for each in thirds]
+    assert recorded == [80, 80, len(ends) - 160]
+    assert "80 blocks of 1 boot recorded, 0 lost" in thirds[1].line
+    one = audit(folder, AuditPeriod(ends[79], ends[80]))
+    assert "1 block of 1 boot recorded, 0 lost; 0 windows identified" in one.line
+
+
+@pytest.mark.parametrize("number", [0, -1])
+def test_a_period_before_or_after_all_blocks_has_nothing(folder: Path, number: int) -> None:
+    blocks = [*read_messages(folder / "session.mcap", (AccelerationBlock,))]
+    block = blocks[number]
+    assert isinstance(block, AccelerationBlock)
+    before = AuditPeriod(until_ns=block.start_ns)
+    found = audit(folder, AuditPeriod(since_ns=block.end_ns) if number else before)
+    assert found.line == f"{folder}: nothing was recorded in this period; 1 file"
+    assert (found.violations, found.as_json()["units"]) == ((), [])
+
+
+def test_a_gap_over_the_whole_period_is_lost_in_it(folder: Path, tmp_path: Path) -> None:
+    def keep(message: Message) -> bool:
+        return not isinstance(message, AccelerationBlock) or not 100 <= message.sequence < 120
+
+    blocks = [*read_messages(folder / "session.mcap", (AccelerationBlock,))]
+    inside = AuditPeriod(blocks[105].end_ns, blocks[110].end_ns)  # type: ignore[union-attr]
+    found = audit(rewritten(folder, tmp_path / "copy", keep), inside)
+    assert "0 blocks of 1 boot recorded, 20 lost" in found.line
+    assert len(found.violations) == 1
 
 
 def test_the_windows_of_two_periods_are_those_of_the_whole(folder: Path) -> None:

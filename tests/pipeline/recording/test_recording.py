@@ -189,7 +189,7 @@ def test_a_missing_recording_is_one_clear_line(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_no_recording(tmp_path: Path) -> None:
-    assert "Is a directory" in refusal(tmp_path)
+    assert "it is a folder; give a file in it" in refusal(tmp_path)
 
 
 @pytest.mark.parametrize("content", [b"", b"t,x\n0,1\n", b"\x89MCAP"])

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import mcap.reader
+import mcap.writer
 import pytest
 from mcap.opcode import Opcode
 
@@ -19,6 +20,7 @@ from pipeline.recording.mcap_file import _summary_holds, record_offsets
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.salvage import salvage
 from pipeline.recording.writer import Recorder
+from pipeline.transport.codec import encode, full_name
 from tests.benchmarks.trials import DamageOutcome, damage_trial
 from tests.pipeline.example_messages import LAYOUT, START_NS, all_same, block
 from tests.pipeline.recording.test_recording import METADATA, SECOND, record
@@ -37,7 +39,11 @@ def salvaged(path: Path, content: bytes) -> list:
     path.write_bytes(content)
     target = path.with_suffix(".salvaged.mcap")
     target.unlink(missing_ok=True)
-    salvage(path, target)
+    try:
+        salvage(path, target)
+    except RecordingError:
+        assert not target.exists()
+        return []
     return list(read_messages(target))
 
 
@@ -74,7 +80,7 @@ def test_the_chunks_after_a_damaged_one_are_still_there(recording: Path) -> None
     assert (remains.chunks, remains.damaged_chunks) == (11, 1)
     assert str(remains) == (
         "11 complete chunks with 56 messages, 60.0 s of samples, can be salvaged "
-        "(1 more are damaged)"
+        "(1 more are damaged: 5 messages are gone)"
     )
 
 
@@ -163,6 +169,9 @@ def test_the_command_brings_back_what_is_left_and_leaves_the_source(
     assert all_same(left, MINUTE[: len(left)])
     assert f"{len(left)} messages" in capsys.readouterr().out.replace("\n", "")
     assert recording.read_bytes() == cut
+    with pytest.raises(RecordingError, match=r"salvaged\.mcap was salvaged from it"):
+        list(read_messages(recording))
+    target.unlink()
     with pytest.raises(RecordingError, match="pilewatch salvage"):
         list(read_messages(recording))
 
@@ -217,3 +226,104 @@ def test_a_summary_holds_where_its_checksum_is_that_of_its_bytes(tmp_path: Path)
         assert not _summary_holds(io.BytesIO(bytes(damaged)))
     assert not _summary_holds(io.BytesIO(whole[: len(whole) // 2]))
     assert not _summary_holds(io.BytesIO(b""))
+
+
+def exit_code(monkeypatch: pytest.MonkeyPatch, *words: object) -> object:
+    """Of a command."""
+    monkeypatch.setattr(sys, "argv", ["pilewatch", *map(str, words)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return ended.value.code
+
+
+def foreign(path: Path, *, also: bool = False) -> Path:
+    """A file of another program with three messages, one of ours among them if wanted."""
+    with path.open("wb") as file:
+        writer = mcap.writer.Writer(file)
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/Imu", "jsonschema", b"{}")
+        channel = writer.register_channel("/imu/data", "json", schema)
+        for number in range(3):
+            writer.add_message(channel, number, b"{}", number)
+        if also:
+            name = full_name("SensorLayout")
+            ours = writer.register_channel(
+                "layout", "protobuf", writer.register_schema(name, "", b"")
+            )
+            writer.add_message(ours, 3, encode(LAYOUT), 3)
+        writer.finish()
+    return path
+
+
+def test_what_holds_nothing_of_ours_is_one_line_and_no_file(
+    recording: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    empty = tmp_path / "empty.mcap"
+    empty.write_bytes(recording.read_bytes()[:900])
+    other = foreign(tmp_path / "f.mcap")
+    before = sorted(tmp_path.iterdir())
+    for file, why in (
+        (empty, "the last 754 bytes are incomplete"),
+        (other, "3 messages of other programs are left out: /imu/data"),
+    ):
+        assert exit_code(monkeypatch, "salvage", file) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"{file}: nothing of it can be salvaged" in line
+        assert why in line
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_what_is_gone_is_counted(recording: Path, tmp_path: Path) -> None:
+    whole = recording.read_bytes()
+    with recording.open("rb") as file:
+        offsets = [offset for offset, opcode in record_offsets(file) if opcode == Opcode.CHUNK]
+    flipped = bytearray(whole)
+    flipped[offsets[3] + 200] ^= 1
+    recording.write_bytes(flipped)
+    damaged = salvage(recording, tmp_path / "flipped.mcap")
+    assert damaged.recovered.endswith("(1 more are damaged: 5 messages are gone)")
+    recording.write_bytes(whole[: offsets[3] + 100])
+    cut = salvage(recording, tmp_path / "cut.mcap")
+    assert cut.recovered.endswith("(the last 100 bytes are incomplete: they are gone)")
+    mixed = salvage(foreign(tmp_path / "mixed.mcap", also=True), tmp_path / "ours.mcap")
+    assert mixed.recovered.endswith("(3 messages of other programs are left out: /imu/data)")
+    assert mixed.messages == 1
+
+
+def test_after_a_salvage_a_folder_says_what_to_do_with_the_result(
+    recording: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (out := tmp_path / "out").mkdir()
+    cut = out / "session.mcap"
+    cut.write_bytes(recording.read_bytes()[:-2000])
+    assert exit_code(monkeypatch, "report", out) == 2
+    assert f"`pilewatch salvage {cut}` makes a recording" in capsys.readouterr().err
+    assert exit_code(monkeypatch, "salvage", cut) == 0
+    use = f"move session.mcap out of it and then session.mcap.salvaged.mcap to {cut}"
+    assert use in capsys.readouterr().out
+    assert exit_code(monkeypatch, "report", out) == 2
+    text = capsys.readouterr().err
+    assert use in text
+    assert "pilewatch salvage" not in text
+    cut.rename(tmp_path / "cut.mcap")
+    (out / "session.mcap.salvaged.mcap").rename(cut)
+    assert len(list(read_messages(cut))) > 40
+
+
+def test_a_folder_is_no_file_to_salvage(
+    recording: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert exit_code(monkeypatch, "salvage", tmp_path) == 2
+    assert f"{tmp_path} is a folder; give the recording in it" in (text := capsys.readouterr().err)
+    assert f"such as {recording}" in text
+    with pytest.raises(RecordingError, match="it is a folder; give a file in it"):
+        read_messages(tmp_path)

@@ -254,7 +254,7 @@ def test_a_session_lasts_from_its_first_turbines_beginning_to_its_last_ones_end(
     hours = [h * 3600 * NANOSECONDS for h in (1, 2, 5, 9)]
     spans = ((hours[0], hours[2]), (hours[1], hours[3]))
     records = [SimpleNamespace(span_ns=each) for each in spans]
-    session = SimpleNamespace(turbines=records, metadata={}, files=[Path("a")], name="a", unread=())
+    session = RecordedSession("a", (Path("a"),), (), {}, None, records)  # type: ignore[arg-type]
     assert between_instants(hours[0], hours[3]) in _provenance(session)
 
 

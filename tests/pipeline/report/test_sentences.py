@@ -201,3 +201,15 @@ def test_modes_lie_between_two_frequencies_where_these_differ_as_they_are_writte
     found = [replace(mode, frequency=each) for mode, each in zip(like, frequencies, strict=False)]
     record = record_of(tmp_path, [LAYOUT, replace(estimate(0), modes=tuple(found))])
     assert headline(replace(record, has_structure=False)) == f"{modes} identified in 1 window."
+
+
+def test_measured_time_is_stated_and_its_span_where_pauses_lie_between(tmp_path: Path) -> None:
+    whole = [LAYOUT, *map(block, range(600)), replace(estimate(0), end_ns=block(599).end_ns)]
+    (tmp_path / "whole").mkdir()
+    texts = findings(record_of(tmp_path / "whole", whole))
+    begin = "10 min of measurements from 14 November 2023 22:13 to 22:23 UTC gave 1 window"
+    assert any(text.startswith(begin) for text in texts)
+    month = 30 * 86_400
+    texts = findings(record_of(tmp_path, [*whole, *map(block, range(month, month + 600))]))
+    begin = "20 min of measurements over 30 d 0 h, from 14 November 2023"
+    assert any(text.startswith(begin) for text in texts)

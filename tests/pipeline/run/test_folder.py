@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.cli.run import farm_note
+from pipeline.cli.run import _measured, farm_note
 from pipeline.run import folder
 from pipeline.run.folder import prepare_folder
 from pipeline.run.options import SessionOptions
@@ -143,6 +143,24 @@ def test_pictures_that_grow_with_a_live_run_have_no_index_that_grows_in_memory(
     for source, indexed in ((open_source("live"), False), (replayed(short_recording), True)):
         outputs = session_outputs(source, SessionOptions(out=Path("o")))
         assert outputs.views == (RrdFile(Path("o/session.rrd"), indexed=indexed),)
+
+
+def test_a_recording_has_whether_its_live_session_began_with_nothing(
+    tmp_path: Path, short_recording: Path
+) -> None:
+    live, fresh = open_source("live", "parked"), SessionOptions(out=tmp_path, fresh=True)
+    assert session_outputs(live, fresh, epoch=2).metadata["run"] == {"epoch": "2", "fresh": "yes"}
+    goes_on = replace(fresh, fresh=False)
+    assert session_outputs(live, goes_on, epoch=2).metadata["run"] == {"epoch": "2"}
+    tied = session_outputs(live, goes_on, fresh=True)  # as a node process has it from the lock
+    assert tied.metadata["run"]["fresh"] == "yes"
+    assert "fresh" not in session_outputs(replayed(short_recording), fresh).metadata["run"]
+
+
+def test_measured_time_is_printed_with_its_span_where_they_differ() -> None:
+    assert _measured({"measured_s": 1200.2, "duration_s": 1200.4}) == "1200 s of measurements"
+    over = "1200 s of measurements over 2419800 s"
+    assert _measured({"measured_s": 1200.0, "duration_s": 2419800.0}) == over
 
 
 def test_one_turbines_results_are_not_taken_for_the_farms() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.run.options import SessionOptions
-from pipeline.run.ownership import LOCK, epoch_of, owned
+from pipeline.run.ownership import LOCK, epoch_of, is_fresh, owned
 from pipeline.run.run import run_session
 from pipeline.sources.sources import replayed
 from sensors.errors import InputError
@@ -62,6 +62,16 @@ def test_the_lock_of_a_run_that_was_killed_is_taken_over(tmp_path: Path) -> None
         assert json.loads((tmp_path / LOCK).read_text())["process"] == os.getpid()
     with owned(tmp_path) as ownership:
         assert ownership.epoch == 3
+
+
+def test_node_processes_learn_from_the_lock_that_a_run_began_with_nothing(tmp_path: Path) -> None:
+    assert not is_fresh(tmp_path)
+    with owned(tmp_path, fresh=True):
+        assert is_fresh(tmp_path)
+    with owned(tmp_path):
+        assert not is_fresh(tmp_path)
+    (tmp_path / LOCK).write_text("[]")
+    assert not is_fresh(tmp_path)
 
 
 NO_PROCESS = 2**30  # more than any system numbers

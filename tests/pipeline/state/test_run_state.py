@@ -16,6 +16,7 @@ from pipeline.monitoring.summary import run_figures, turbine_figures
 from pipeline.state.run_state import RunState
 from pipeline.viewer.pictures.status_text import SessionStatus
 from tests.pipeline.example_messages import START_NS, block, rejection, status
+from tests.pipeline.report.example_session import estimate as long_window
 from tests.pipeline.report.example_session import session
 from tests.pipeline.state.test_run_modes import WINDOW, estimate, mode
 
@@ -198,3 +199,39 @@ def test_answers_are_of_one_window_by_their_blocks_or_else_by_their_start() -> N
     assert same_window(replace(first, origins=origins), replace(second, origins=origins))
     later = (("tower", "session-1", 1),)
     assert not same_window(replace(first, origins=origins), replace(first, origins=later))
+
+
+MONTH = 2_592_000  # [s]
+
+
+def test_measured_time_is_what_was_sampled_of_units_in_parallel_once_pauses_not() -> None:
+    run = RunState()
+    for number in (*range(10), *range(MONTH, MONTH + 10)):
+        run.fold(block(number))
+        run.fold(block(number, unit="nacelle"))
+    run.fold(block(MONTH + 5))  # sent again
+    state = run.reported("t1")
+    assert (state.measured_time, state.duration) == (20.0, MONTH + 10.0)
+    figures = turbine_figures(run, "t1", wall=2.0)
+    assert (figures["measured_s"], figures["duration_s"]) == (20.0, MONTH + 10.0)
+    assert figures["timing"]["realtime_factor"] == 10.0
+
+
+def test_units_that_measure_one_after_the_other_both_count_and_so_does_a_late_block() -> None:
+    run = RunState()
+    for number in range(10):
+        run.fold(block(number))
+    for number in range(10, 30):
+        run.fold(block(number, unit="nacelle"))
+    assert run.reported("t1").measured_time == 30.0
+    late = RunState()
+    for number in (0, 1, 3, 4, 2):
+        late.fold(block(number))
+    assert late.reported("t1").measured_time == 5.0
+
+
+def test_windows_stand_for_samples_that_have_gone() -> None:
+    run = RunState()
+    for window in range(3):
+        run.fold(long_window(window))
+    assert run.reported("t1").measured_time == 3 * 600.0
