@@ -107,17 +107,18 @@ class Remains:
 
     def __init__(self) -> None:
         self.lost_bytes = 0  # of damaged chunks, as they lie in the file
+        self.channels = McapChannels()
         self._chunks = self._damaged = self._messages = self._unreadable = 0
         self._starts_ns: list[int] = []
         self._ends_ns: list[int] = []
 
     def messages(self, file: BinaryIO) -> Iterator[RecordedMessage]:
         """Yield what the complete chunks hold, in order, not yet decoded."""
-        channels, summary = McapChannels(), summary_of(file)
-        channels.learn(summary)
+        summary = summary_of(file)
+        self.channels.learn(summary)
         for record in chunk_records(file, summary):
             try:
-                messages = channels.messages(record)
+                messages = self.channels.messages(record)
             except MCAP_DAMAGE:
                 self._damaged += 1
                 self.lost_bytes += len(record.content)
