@@ -45,6 +45,15 @@ class FileFailure:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class CopiedFile:
+    """A file whose bytes another one has; it is skipped."""
+
+    path: str
+    original: str
+    """Path of the other one, which is used."""
+
+
 @dataclass(slots=True)
 class ArchiveReport:
     """What became of an archive."""
@@ -58,8 +67,7 @@ class ArchiveReport:
     found_finished: int = 0
     """Results that an earlier run had left."""
     done_now: int = 0
-    copies: tuple[Path, ...] = ()
-    """Files whose bytes another one has."""
+    copies: tuple[CopiedFile, ...] = ()
     failures: list[FileFailure] = field(default_factory=list)
     salvaged: list[FileFailure] = field(default_factory=list)
     """Files that are used in part."""
@@ -171,7 +179,10 @@ class _Reprocessing:
         self._report.salvaged += [
             FileFailure(_named(survey.path), survey.damage) for survey in originals if survey.damage
         ]
-        self._report.copies = tuple(copy.path for copy in copies)
+        used = {survey.fingerprint: _named(survey.path) for survey in originals}
+        self._report.copies = tuple(
+            CopiedFile(_named(copy.path), used[copy.fingerprint]) for copy in copies
+        )
         return originals
 
     def _identify(self, histories: Sequence[TurbineHistory]) -> None:
@@ -227,7 +238,7 @@ class _Reprocessing:
         report = self._report
         summary = {
             "files": report.files,
-            "copies": [str(path) for path in report.copies],
+            "copies": [{"file": each.path, "original": each.original} for each in report.copies],
             **fields_of(report, "turbines", "identified", "rejected", "posteriors", "events"),
             "failures": [{"file": each.path, "reason": each.text} for each in report.failures],
             "salvaged": [{"file": each.path, "damage": each.text} for each in report.salvaged],

@@ -256,7 +256,8 @@ def _print_report(report: "ArchiveReport", out: Path) -> None:
     if report.found_finished:
         output.print(f"{report.found_finished} results existed already, {report.done_now} are new")
     for copy in report.copies:
-        stderr.print(f"{copy} is a copy of another file and was skipped")
+        text = f"{copy.path} is a copy of {copy.original} and was skipped"
+        stderr.print(escape_markup(text), soft_wrap=True)
     for each in report.salvaged:
         warning = f"{each.path} {each.text}"
         stderr.print(f"[bold yellow]pilewatch:[/] {escape_markup(warning)}", soft_wrap=True)

@@ -1,6 +1,7 @@
 """An archive gives the numbers of one recording of the whole, whoever works and however often."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,21 @@ def test_files_that_are_no_recordings_or_have_gone_are_a_line_each_and_exit_code
         ("gone.mcap", ": No such file or directory"),
         ("robot.mcap", " holds no pilewatch channel, only /robot/pose"),
     ]
+
+
+def test_a_copy_is_skipped_and_the_file_that_is_used_is_named(
+    archive: list[Path], results: Path, tmp_path: Path
+) -> None:
+    copy = Path(shutil.copy(archive[1], tmp_path / "z.mcap"))
+
+    said = CLI.invoke(
+        app, ["reprocess", *map(str, archive), str(copy), "-o", str(results), "--serial"]
+    )
+
+    first, second = sorted([archive[1], copy])
+    assert f"{second} is a copy of {first} and was skipped" in said.output
+    copies = json.loads((results / SUMMARY).read_text())["copies"]
+    assert copies == [{"file": str(second), "original": str(first)}]
 
 
 def test_what_a_damaged_file_still_holds_is_surveyed_and_read(
