@@ -2,7 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
+from pipeline.archive.access.remote import name_of
+from pipeline.archive.history.layout_periods import LayoutPeriod, layout_periods
 from pipeline.archive.identification import IdentificationCall
 from pipeline.archive.plan import TurbinePlan, parts_by_turbine, turbine_plan
 from pipeline.archive.posteriors import UpdatingPlan
@@ -18,6 +21,7 @@ from pipeline.scenario import (
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout, joined_layout
 
+MOST_CHANGES = 5  # of a turbine's layout that are reported one by one
 MOST_CHANNELS_WITHOUT_LAYOUT = 64  # that a file without a layout is expected to have
 
 
@@ -29,6 +33,10 @@ class TurbineArchive:
     scenario: Scenario
     layouts: tuple[SensorLayout, ...]
     """That its samples were taken with, in order of time."""
+    periods: tuple[LayoutPeriod, ...] = ()
+    """Of which layout its windows are, in order of time; () one holds for all."""
+    period_of_task: tuple[int, ...] = ()
+    """Number of each task's period; () all are of the first."""
 
     @property
     def layout(self) -> SensorLayout | None:
@@ -49,13 +57,15 @@ class TurbineArchive:
     @property
     def identification(self) -> Iterator[IdentificationCall]:
         """Return the identification of every task, in order of time."""
-        for task in self.plan.tasks:
+        numbers = self.period_of_task or (0,) * len(self.plan.tasks)
+        for task, period in zip(self.plan.tasks, numbers, strict=True):
             own = tuple(each for each in self.layouts if each.layout_id in task.layout_ids)
-            yield IdentificationCall(task, self.scenario.oma, own)
+            yield IdentificationCall(task, self.scenario.oma, own, period)
 
     @property
     def updating(self) -> UpdatingPlan | None:
-        """Return the plan of the updating; None without a structural model or a layout."""
+        """Return the plan of the updating with the newest layout; None without a structural model
+        or a layout."""
         if not self.scenario.has_structure or self.layout is None:
             return None
         return UpdatingPlan(
@@ -65,6 +75,36 @@ class TurbineArchive:
             operation=self.scenario.operation,
             seed=self.scenario.seed,
             population=self.scenario.population,
+        )
+
+    @property
+    def updating_by_period(self) -> tuple[UpdatingPlan, ...]:
+        """Return the plan of each layout period, in order of time; () none is updated."""
+        if self.updating is None:
+            return ()
+        if len(self.periods) < 2:  # the newest layout, as earlier versions had it of all
+            return (self.updating,)
+        return tuple(replace(self.updating, layout=period.layout) for period in self.periods)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what its recordings do not have in common, a line each for people."""
+        changes = self.layout_changes
+        more = len(changes) - MOST_CHANGES
+        last = (f"and {more} more changes of the layout",) if more > 0 else ()
+        return (*changes[:MOST_CHANGES], *last)
+
+    @property
+    def layout_changes(self) -> tuple[str, ...]:
+        """Return where the layout changes, in order of time; () where nothing is updated."""
+        if not self.updating_by_period:
+            return ()
+        return tuple(
+            f"channel {after.changed.channel} {after.changed.before} in {name_of(before.last)}, "
+            f"{after.changed.after} in {name_of(after.first)}; each window is updated with its own "
+            f"recording's layout, and the posterior begins again with {name_of(after.first)}"
+            for before, after in pairwise(self.periods)
+            if after.changed is not None
         )
 
     @property
@@ -90,7 +130,9 @@ def archived_turbines(
         own = _of_turbine(turbine, chosen or _stored_scenario(turbine, parts, surveys))
         own = own if sampler is None else with_sampler(own, sampler)
         layouts = _layouts_of(turbine, parts, surveys)
-        turbines.append(TurbineArchive(turbine_plan(parts, own.oma), own, layouts))
+        plan = turbine_plan(parts, own.oma)
+        periods = layout_periods(plan.tasks, surveys)
+        turbines.append(TurbineArchive(plan, own, layouts, *periods))
     return tuple(turbines)
 
 

@@ -258,9 +258,12 @@ def _print_report(report: "ArchiveReport", out: Path) -> None:
     for copy in report.copies:
         text = f"{copy.path} is a copy of {copy.original} and was skipped"
         stderr.print(escape_markup(text), soft_wrap=True)
+    for warning in report.warnings:
+        text = f"{warning.turbine}: {warning.text}"
+        stderr.print(f"[bold yellow]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)
     for each in report.salvaged:
-        warning = f"{each.path} {each.text}"
-        stderr.print(f"[bold yellow]pilewatch:[/] {escape_markup(warning)}", soft_wrap=True)
+        text = f"{each.path} {each.text}"
+        stderr.print(f"[bold yellow]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)
     for failure in report.failures:
         text = failure.text if failure.path in failure.text else f"{failure.path}: {failure.text}"
         stderr.print(f"[bold red]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)
