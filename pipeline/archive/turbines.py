@@ -18,6 +18,7 @@ from pipeline.scenario import (
     scenario_from_metadata,
     with_sampler,
 )
+from pipeline.scenario.differences import other_settings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout, joined_layout
 
@@ -37,6 +38,8 @@ class TurbineArchive:
     """Of which layout its windows are, in order of time; () one holds for all."""
     period_of_task: tuple[int, ...] = ()
     """Number of each task's period; () all are of the first."""
+    other_settings: tuple[str, ...] = ()
+    """Which recordings store other settings than those that all are processed with, a line each."""
 
     @property
     def layout(self) -> SensorLayout | None:
@@ -92,7 +95,7 @@ class TurbineArchive:
         changes = self.layout_changes
         more = len(changes) - MOST_CHANGES
         last = (f"and {more} more changes of the layout",) if more > 0 else ()
-        return (*changes[:MOST_CHANGES], *last)
+        return (*changes[:MOST_CHANGES], *last, *self.other_settings)
 
     @property
     def layout_changes(self) -> tuple[str, ...]:
@@ -127,12 +130,15 @@ def archived_turbines(
     chosen = None if scenario is None else load_scenario(scenario)
     turbines = []
     for turbine, parts in parts_by_turbine(surveys).items():
-        own = _of_turbine(turbine, chosen or _stored_scenario(turbine, parts, surveys))
+        stored = [] if chosen else _stored_scenarios(parts, surveys)
+        newest = [scenario_from_metadata(kept, f"scenario in {name}") for name, kept in stored[:1]]
+        own = _of_turbine(turbine, next(iter(newest), chosen or modes_only(turbine)))
+        other = tuple(other_settings(stored, own, turbine))
         own = own if sampler is None else with_sampler(own, sampler)
         layouts = _layouts_of(turbine, parts, surveys)
         plan = turbine_plan(parts, own.oma)
-        periods = layout_periods(plan.tasks, surveys)
-        turbines.append(TurbineArchive(plan, own, layouts, *periods))
+        periods, numbers = layout_periods(plan.tasks, surveys)
+        turbines.append(TurbineArchive(plan, own, layouts, periods, numbers, other))
     return tuple(turbines)
 
 
@@ -142,15 +148,13 @@ def _of_turbine(turbine: str, scenario: Scenario) -> Scenario:
     return replace(scenario, turbine=members.get(turbine, scenario).turbine)
 
 
-def _stored_scenario(
-    turbine: str, parts: Sequence[Part], surveys: Sequence[FileSurvey]
-) -> Scenario:
-    """Return the one that the newest of the turbine's files was made under; else modes only."""
+def _stored_scenarios(
+    parts: Sequence[Part], surveys: Sequence[FileSurvey]
+) -> list[tuple[str, dict[str, str]]]:
+    """Return name and stored scenario of each of the turbine's files, the newest first."""
     stored = {survey.path: survey.scenario for survey in surveys if survey.scenario}
-    for part in reversed(parts):
-        if part.path in stored:
-            return scenario_from_metadata(dict(stored[part.path]), f"scenario in {part.path}")
-    return modes_only(turbine)
+    paths = dict.fromkeys(part.path for part in reversed(parts) if part.path in stored)
+    return [(name_of(path), dict(stored[path])) for path in paths]
 
 
 def _layouts_of(
