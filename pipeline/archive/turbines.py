@@ -7,9 +7,10 @@ from itertools import pairwise
 from pipeline.archive.access.remote import name_of
 from pipeline.archive.history.layout_periods import LayoutPeriod, layout_periods
 from pipeline.archive.identification import IdentificationCall
-from pipeline.archive.plan import TurbinePlan, parts_by_turbine, turbine_plan
+from pipeline.archive.plan import Overlap, TurbinePlan, parts_by_turbine, turbine_plan
 from pipeline.archive.posteriors import UpdatingPlan
 from pipeline.archive.survey import FileSurvey, Part
+from pipeline.recording.file_order import utc_span
 from pipeline.scenario import (
     Scenario,
     farm_members,
@@ -92,10 +93,11 @@ class TurbineArchive:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return what its recordings do not have in common, a line each for people."""
+        overlaps = dict.fromkeys(map(_overlap_text, self.plan.overlaps))  # once for all units
         changes = self.layout_changes
         more = len(changes) - MOST_CHANGES
         last = (f"and {more} more changes of the layout",) if more > 0 else ()
-        return (*changes[:MOST_CHANGES], *last, *self.other_settings)
+        return (*overlaps, *changes[:MOST_CHANGES], *last, *self.other_settings)
 
     @property
     def layout_changes(self) -> tuple[str, ...]:
@@ -118,6 +120,13 @@ class TurbineArchive:
             task.n_windows or max(1, round((task.end_ns - task.start_ns) / hop))
             for task in self.plan.tasks
         )
+
+
+def _overlap_text(overlap: Overlap) -> str:
+    first, second = name_of(overlap.first), name_of(overlap.second)
+    used = "both are used" if overlap.used_twice else f"those of {second} are left out"
+    span = utc_span(overlap.start_ns, overlap.end_ns)
+    return f"{first} and {second} both cover {span}; {used}"
 
 
 def archived_turbines(

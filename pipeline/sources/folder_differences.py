@@ -1,8 +1,10 @@
-"""Where the files of a folder that is replayed state other layouts: the newest is used for all."""
+"""What the files of a folder that is replayed do not have in common: the newest layout is used for
+all; time that two files hold is used twice."""
 
 import logging
 from collections.abc import Iterator, Sequence
 
+from pipeline.recording.file_order import shared_times, stretch_of, utc_span
 from pipeline.recording.info import RecordingInfo
 from sensors.acquisition.layout import SensorLayout, layout_difference
 
@@ -45,3 +47,24 @@ def _older(
         for other in info.layouts:
             if (other.turbine, other.unit) == (layout.turbine, layout.unit):
                 yield info, other
+
+
+def report_shared_times(infos: Sequence[RecordingInfo]) -> None:
+    """Log what two files hold of the same time of a unit, a line for each.
+
+    Parameters
+    ----------
+    infos : sequence of RecordingInfo
+        Of the files, oldest first.
+    """
+    stretches = [stretch_of(info.path, unit) for info in infos for unit in info.units]
+    stretches.sort(key=lambda stretch: stretch.start_ns)
+    for shared in shared_times(stretches):
+        before, after = stretches[shared.before], stretches[shared.after]
+        logger.warning(
+            "%s: %s and %s both cover %s; both are used (`pilewatch reprocess` uses them once)",
+            before.unit[0],
+            before.path,
+            after.path,
+            utc_span(shared.start_ns, shared.end_ns),
+        )

@@ -26,7 +26,7 @@ from pipeline.scenario import (
     with_sampler,
 )
 from pipeline.scenario.differences import other_settings
-from pipeline.sources.folder_differences import report_other_layouts
+from pipeline.sources.folder_differences import report_other_layouts, report_shared_times
 from pipeline.sources.ground_truth import (
     later_truths,
     simulated_truths,
@@ -333,6 +333,7 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
     recorded = source_of(path, infos)
     stored = infos[-1].metadata.get("scenario")
     report_other_layouts(infos)
+    report_shared_times(infos)
     if scenario is not None:
         chosen = load_scenario(scenario)
         if recorded.truth is None:  # measured

@@ -18,7 +18,7 @@ from pipeline.scenario.differences import (
     other_settings,
     settings_differences,
 )
-from pipeline.sources.folder_differences import report_other_layouts
+from pipeline.sources.folder_differences import report_other_layouts, report_shared_times
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.structure.description import shipped_text
 from tests.pipeline.archive.test_plan import part
@@ -142,3 +142,15 @@ def test_of_a_folder_that_is_replayed_each_setting_is_a_line() -> None:
     ]
     same = {name: stored[name] for name in "ba"}
     assert list(other_settings(same.items(), scenario(older), "t")) == []
+
+
+def test_of_a_folder_that_is_replayed_each_shared_time_is_a_line(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    parts = [part("a", 0, 250), part("b", 0, 250, session="again", start=15.0)]
+    infos = [RecordingInfo(each.path, 0, {}, (), (each,), (), ()) for each in parts]
+    report_shared_times(infos)
+    assert caplog.messages == [
+        "t: a and b both cover 2023-11-14 22:13:35 to 22:13:45 UTC (10 s); both are used "
+        "(`pilewatch reprocess` uses them once)"
+    ]
