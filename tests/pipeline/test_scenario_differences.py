@@ -3,11 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pipeline.archive.survey import FileSurvey, Part
 from pipeline.archive.turbines import archived_turbines
 from pipeline.recording.info import RecordingInfo
+from pipeline.recording.writer import Recorder
 from pipeline.scenario import (
     Scenario,
     scenario_from_text,
@@ -19,9 +21,11 @@ from pipeline.scenario.differences import (
     settings_differences,
 )
 from pipeline.sources.folder_differences import report_other_layouts, report_shared_times
+from pipeline.sources.sources import replayed
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout, biaxial_layout
 from sensors.structure.description import shipped_text
-from tests.pipeline.archive.test_plan import part
+from tests.pipeline.archive.test_plan import START_NS, part
 
 LAYOUT = biaxial_layout("l", turbine="t", unit="tower", elevations=(41.0, 80.0))
 RAISED = biaxial_layout("l", turbine="t", unit="tower", elevations=(30.0, 80.0))
@@ -154,3 +158,38 @@ def test_of_a_folder_that_is_replayed_each_shared_time_is_a_line(
         "t: a and b both cover 2023-11-14 22:13:35 to 22:13:45 UTC (10 s); both are used "
         "(`pilewatch reprocess` uses them once)"
     ]
+
+
+def test_a_replayed_folder_reports_all_that_its_files_do_not_have_in_common(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The second begins within the first, at other heights and with another description."""
+    for name, second, layout, text in (
+        ("a.mcap", 0, LAYOUT, '[turbine]\nid = "t"'),
+        ("b.mcap", 5, RAISED, NO_STRUCTURE),
+    ):
+        metadata = {"scenario": scenario_metadata(scenario(text))}
+        recorder = Recorder(tmp_path / name, metadata=metadata, clock=None)
+        recorder.handle(layout)
+        for number in range(10):
+            recorder.handle(
+                AccelerationBlock(
+                    turbine="t",
+                    unit="tower",
+                    session=name,
+                    sequence=number,
+                    first_sample=10 * number,
+                    start_ns=START_NS + (second + number) * NANOSECONDS,
+                    sampling_rate=10.0,
+                    layout_id=layout.layout_id,
+                    samples=np.zeros((10, 4), dtype=np.float32),
+                )
+            )
+        recorder.close()
+
+    replayed(tmp_path)
+
+    layout_line, time_line, settings_line = caplog.messages
+    assert layout_line.startswith(f"t: channel z41-fa is there in {tmp_path / 'a.mcap'}, is not in")
+    assert "both cover 2023-11-14 22:13:25 to 22:13:30 UTC (5 s); both are used" in time_line
+    assert settings_line.startswith("t: [turbine] description is 'iea15mw_monopile' in")
