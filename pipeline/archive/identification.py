@@ -46,6 +46,8 @@ class IdentificationCall:
     settings: OmaSettings
     layouts: tuple[SensorLayout, ...] = ()
     """Of its blocks, from whatever file has them."""
+    period: int = 0
+    """Number of the turbine's layout period that its windows are updated in."""
 
     @property
     def key(self) -> str:

@@ -23,7 +23,7 @@ from pathlib import Path
 from pipeline.archive.survey import FileSurvey, Part
 from pipeline.messages import StreamGap
 from pipeline.oma.settings import OmaSettings
-from pipeline.recording.file_order import agree, logical_starts
+from pipeline.recording.file_order import SharedTime, agree, logical_starts, shared_times
 from sensors.acquisition.blocks import NANOSECONDS
 
 JOINT = 0.5  # of a sample, by which the clock of a new session may be off where two parts join
@@ -85,6 +85,22 @@ class TurbinePlan:
     """In order of time."""
     gaps: tuple[StreamGap, ...]
     """Within chains, in order of time."""
+    overlaps: tuple["Overlap", ...] = ()
+    """Time that two files hold, in order of time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """Time that two files hold of one unit, under different sessions."""
+
+    first: Path
+    """File that is used."""
+    second: Path
+    """File whose samples of that time are left out."""
+    start_ns: int
+    end_ns: int
+    used_twice: bool
+    """True: nothing is left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,10 +151,12 @@ def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
     one clock within a file, never over files.
     """
     turbine, found = parts[0].turbine, PartsBySample(parts)
-    if len({part.unit for part in parts}) > 1:
+    once, shared = used_once(parts)
+    joined = len({part.unit for part in parts}) > 1
+    if joined:
         tasks = _tasks_of_whole_files(turbine, parts)
     else:
-        chains = chains_of(parts)
+        chains = chains_of(once)
         tasks = [task for chain in chains for task in _tasks_of_chain(chain, settings, found)]
     gaps = sorted(
         {
@@ -149,7 +167,28 @@ def turbine_plan(parts: Sequence[Part], settings: OmaSettings) -> TurbinePlan:
         },
         key=lambda gap: gap.start_ns,
     )
-    return TurbinePlan(turbine, tuple(tasks), tuple(gaps))
+    overlaps = tuple(
+        Overlap(parts[s.before].path, parts[s.after].path, s.start_ns, s.end_ns, used_twice=joined)
+        for s in shared
+    )
+    return TurbinePlan(turbine, tuple(tasks), tuple(gaps), overlaps)
+
+
+def used_once(parts: Sequence[Part]) -> tuple[list[Part], list[SharedTime]]:
+    """Return parts in order of time without what one before them holds, and what that is."""
+    shared = shared_times([part.stretch for part in parts])
+    until = {each.after: each.end_ns for each in shared}
+    once = [
+        _since(part, until[place]) if place in until else part for place, part in enumerate(parts)
+    ]
+    return [part for part in once if part.n_samples > 0], shared
+
+
+def _since(part: Part, time_ns: int) -> Part:
+    """Return what a part holds from a time on; no samples where that is nothing."""
+    left_out = round((time_ns - part.start_ns) / NANOSECONDS * part.sampling_rate)
+    start_ns = part.start_ns + round(left_out / part.sampling_rate * NANOSECONDS)
+    return replace(part, first_sample=part.first_sample + left_out, start_ns=start_ns)
 
 
 def _tasks_of_whole_files(turbine: str, parts: Sequence[Part]) -> list[IdentificationTask]:

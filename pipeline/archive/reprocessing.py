@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.archive.access.remote import url_of
+from pipeline.archive.access.remote import name_of
 from pipeline.archive.history.months import tables_in
 from pipeline.archive.history.turbine_history import TurbineHistory
 from pipeline.archive.identification import identified_frames
@@ -45,6 +45,23 @@ class FileFailure:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class CopiedFile:
+    """A file whose bytes another one has; it is skipped."""
+
+    path: str
+    original: str
+    """Path of the other one, which is used."""
+
+
+@dataclass(frozen=True, slots=True)
+class TurbineWarning:
+    """What recordings of a turbine do not have in common, and what was made of it."""
+
+    turbine: str
+    text: str
+
+
 @dataclass(slots=True)
 class ArchiveReport:
     """What became of an archive."""
@@ -58,11 +75,11 @@ class ArchiveReport:
     found_finished: int = 0
     """Results that an earlier run had left."""
     done_now: int = 0
-    copies: tuple[Path, ...] = ()
-    """Files whose bytes another one has."""
+    copies: tuple[CopiedFile, ...] = ()
     failures: list[FileFailure] = field(default_factory=list)
     salvaged: list[FileFailure] = field(default_factory=list)
     """Files that are used in part."""
+    warnings: list[TurbineWarning] = field(default_factory=list)
     tables: tuple[Path, ...] = ()
 
 
@@ -120,10 +137,6 @@ def _in_turn(histories: Sequence[TurbineHistory]) -> Iterator[Call | None]:
             yield None
 
 
-def _named(path: Path) -> str:
-    return url_of(path) or str(path)
-
-
 class _Reprocessing:
     """One run over an archive."""
 
@@ -144,6 +157,9 @@ class _Reprocessing:
         surveys = self._surveys(files)
         turbines = archived_turbines(surveys, scenario, sampler)
         self._report.turbines = len(turbines)
+        self._report.warnings = [
+            TurbineWarning(each.plan.turbine, text) for each in turbines for text in each.warnings
+        ]
         histories = [TurbineHistory(each, self._out, self._finished) for each in turbines]
         self._identify(histories)
         self._update(histories)
@@ -160,7 +176,7 @@ class _Reprocessing:
         calls = (Call(f"survey-{path}", surveyed, path) for path in files if known[path] is None)
         for done, outcome in enumerate(self._workers.outcomes(calls), start=len(found) + 1):
             if isinstance(outcome.result, Failed):
-                self._fail(_named(outcome.call.argument), outcome.result)
+                self._fail(name_of(outcome.call.argument), outcome.result)
             else:
                 found.append(outcome.result)
                 cache.put(outcome.result.path, outcome.result)
@@ -169,9 +185,14 @@ class _Reprocessing:
         found.sort(key=lambda survey: survey.path)
         originals, copies = without_copies(found)
         self._report.salvaged += [
-            FileFailure(_named(survey.path), survey.damage) for survey in originals if survey.damage
+            FileFailure(name_of(survey.path), survey.damage)
+            for survey in originals
+            if survey.damage
         ]
-        self._report.copies = tuple(copy.path for copy in copies)
+        used = {survey.fingerprint: name_of(survey.path) for survey in originals}
+        self._report.copies = tuple(
+            CopiedFile(name_of(copy.path), used[copy.fingerprint]) for copy in copies
+        )
         return originals
 
     def _identify(self, histories: Sequence[TurbineHistory]) -> None:
@@ -227,10 +248,11 @@ class _Reprocessing:
         report = self._report
         summary = {
             "files": report.files,
-            "copies": [str(path) for path in report.copies],
+            "copies": [{"file": each.path, "original": each.original} for each in report.copies],
             **fields_of(report, "turbines", "identified", "rejected", "posteriors", "events"),
             "failures": [{"file": each.path, "reason": each.text} for each in report.failures],
             "salvaged": [{"file": each.path, "damage": each.text} for each in report.salvaged],
+            "warnings": [fields_of(each, "turbine", "text") for each in report.warnings],
             "tables": [path.name for path in report.tables],
         }
         text = json.dumps(summary, indent=1, ensure_ascii=False) + "\n"

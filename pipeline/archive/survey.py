@@ -102,7 +102,9 @@ def _named(pattern: str) -> list[Path]:
         return [path]
     if path.is_dir():
         return sorted(path.rglob("*.mcap"))
-    return sorted(Path(each) for each in glob.glob(pattern, recursive=True) if Path(each).is_file())
+    found = (Path(each) for each in glob.glob(pattern, recursive=True))
+    # a link to what has gone is kept: that it cannot be read is reported
+    return sorted(each for each in found if each.is_file() or not each.exists())
 
 
 def surveyed(path: Path) -> FileSurvey:
@@ -175,7 +177,9 @@ class SurveyCache:
         if known is None or stamp is None or [*stamp] != known[:2]:
             return None
         try:
-            return self._survey(path, known[2])
+            survey = self._survey(path, known[2])
+            # one without samples is seldom; earlier versions kept other programs' files as such
+            return survey if survey.parts else None
         except (CodecError, ValueError, KeyError, TypeError):
             return None  # of another layout of this file: the recording is read again
 

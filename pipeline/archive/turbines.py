@@ -2,11 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
+from pipeline.archive.access.remote import name_of
+from pipeline.archive.history.layout_periods import LayoutPeriod, layout_periods
 from pipeline.archive.identification import IdentificationCall
-from pipeline.archive.plan import TurbinePlan, parts_by_turbine, turbine_plan
+from pipeline.archive.plan import Overlap, TurbinePlan, parts_by_turbine, turbine_plan
 from pipeline.archive.posteriors import UpdatingPlan
 from pipeline.archive.survey import FileSurvey, Part
+from pipeline.recording.file_order import utc_span
 from pipeline.scenario import (
     Scenario,
     farm_members,
@@ -15,9 +19,11 @@ from pipeline.scenario import (
     scenario_from_metadata,
     with_sampler,
 )
+from pipeline.scenario.differences import other_settings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout, joined_layout
 
+MOST_CHANGES = 5  # of a turbine's layout that are reported one by one
 MOST_CHANNELS_WITHOUT_LAYOUT = 64  # that a file without a layout is expected to have
 
 
@@ -29,6 +35,12 @@ class TurbineArchive:
     scenario: Scenario
     layouts: tuple[SensorLayout, ...]
     """That its samples were taken with, in order of time."""
+    periods: tuple[LayoutPeriod, ...] = ()
+    """Of which layout its windows are, in order of time; () one holds for all."""
+    period_of_task: tuple[int, ...] = ()
+    """Number of each task's period; () all are of the first."""
+    other_settings: tuple[str, ...] = ()
+    """Which recordings store other settings than those that all are processed with, a line each."""
 
     @property
     def layout(self) -> SensorLayout | None:
@@ -49,13 +61,15 @@ class TurbineArchive:
     @property
     def identification(self) -> Iterator[IdentificationCall]:
         """Return the identification of every task, in order of time."""
-        for task in self.plan.tasks:
+        numbers = self.period_of_task or (0,) * len(self.plan.tasks)
+        for task, period in zip(self.plan.tasks, numbers, strict=True):
             own = tuple(each for each in self.layouts if each.layout_id in task.layout_ids)
-            yield IdentificationCall(task, self.scenario.oma, own)
+            yield IdentificationCall(task, self.scenario.oma, own, period)
 
     @property
     def updating(self) -> UpdatingPlan | None:
-        """Return the plan of the updating; None without a structural model or a layout."""
+        """Return the plan of the updating with the newest layout; None without a structural model
+        or a layout."""
         if not self.scenario.has_structure or self.layout is None:
             return None
         return UpdatingPlan(
@@ -68,6 +82,37 @@ class TurbineArchive:
         )
 
     @property
+    def updating_by_period(self) -> tuple[UpdatingPlan, ...]:
+        """Return the plan of each layout period, in order of time; () none is updated."""
+        if self.updating is None:
+            return ()
+        if len(self.periods) < 2:  # the newest layout, as earlier versions had it of all
+            return (self.updating,)
+        return tuple(replace(self.updating, layout=period.layout) for period in self.periods)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what its recordings do not have in common, a line each for people."""
+        overlaps = dict.fromkeys(map(_overlap_text, self.plan.overlaps))  # once for all units
+        changes = self.layout_changes
+        more = len(changes) - MOST_CHANGES
+        last = (f"and {more} more changes of the layout",) if more > 0 else ()
+        return (*overlaps, *changes[:MOST_CHANGES], *last, *self.other_settings)
+
+    @property
+    def layout_changes(self) -> tuple[str, ...]:
+        """Return where the layout changes, in order of time; () where nothing is updated."""
+        if not self.updating_by_period:
+            return ()
+        return tuple(
+            f"channel {after.changed.channel} {after.changed.before} in {name_of(before.last)}, "
+            f"{after.changed.after} in {name_of(after.first)}; each window is updated with its own "
+            f"recording's layout, and the posterior begins again with {name_of(after.first)}"
+            for before, after in pairwise(self.periods)
+            if after.changed is not None
+        )
+
+    @property
     def n_windows(self) -> int:
         """Windows of all tasks; as many as fit into a file that must be read to know."""
         hop = self.scenario.oma.hop * NANOSECONDS
@@ -75,6 +120,13 @@ class TurbineArchive:
             task.n_windows or max(1, round((task.end_ns - task.start_ns) / hop))
             for task in self.plan.tasks
         )
+
+
+def _overlap_text(overlap: Overlap) -> str:
+    first, second = name_of(overlap.first), name_of(overlap.second)
+    used = "both are used" if overlap.used_twice else f"those of {second} are left out"
+    span = utc_span(overlap.start_ns, overlap.end_ns)
+    return f"{first} and {second} both cover {span}; {used}"
 
 
 def archived_turbines(
@@ -87,10 +139,15 @@ def archived_turbines(
     chosen = None if scenario is None else load_scenario(scenario)
     turbines = []
     for turbine, parts in parts_by_turbine(surveys).items():
-        own = _of_turbine(turbine, chosen or _stored_scenario(turbine, parts, surveys))
+        stored = [] if chosen else _stored_scenarios(parts, surveys)
+        newest = [scenario_from_metadata(kept, f"scenario in {name}") for name, kept in stored[:1]]
+        own = _of_turbine(turbine, next(iter(newest), chosen or modes_only(turbine)))
+        other = tuple(other_settings(stored, own, turbine))
         own = own if sampler is None else with_sampler(own, sampler)
         layouts = _layouts_of(turbine, parts, surveys)
-        turbines.append(TurbineArchive(turbine_plan(parts, own.oma), own, layouts))
+        plan = turbine_plan(parts, own.oma)
+        periods, numbers = layout_periods(plan.tasks, surveys)
+        turbines.append(TurbineArchive(plan, own, layouts, periods, numbers, other))
     return tuple(turbines)
 
 
@@ -100,15 +157,13 @@ def _of_turbine(turbine: str, scenario: Scenario) -> Scenario:
     return replace(scenario, turbine=members.get(turbine, scenario).turbine)
 
 
-def _stored_scenario(
-    turbine: str, parts: Sequence[Part], surveys: Sequence[FileSurvey]
-) -> Scenario:
-    """Return the one that the newest of the turbine's files was made under; else modes only."""
+def _stored_scenarios(
+    parts: Sequence[Part], surveys: Sequence[FileSurvey]
+) -> list[tuple[str, dict[str, str]]]:
+    """Return name and stored scenario of each of the turbine's files, the newest first."""
     stored = {survey.path: survey.scenario for survey in surveys if survey.scenario}
-    for part in reversed(parts):
-        if part.path in stored:
-            return scenario_from_metadata(dict(stored[part.path]), f"scenario in {part.path}")
-    return modes_only(turbine)
+    paths = dict.fromkeys(part.path for part in reversed(parts) if part.path in stored)
+    return [(name_of(path), dict(stored[path])) for path in paths]
 
 
 def _layouts_of(

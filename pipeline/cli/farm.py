@@ -256,10 +256,14 @@ def _print_report(report: "ArchiveReport", out: Path) -> None:
     if report.found_finished:
         output.print(f"{report.found_finished} results existed already, {report.done_now} are new")
     for copy in report.copies:
-        stderr.print(f"{copy} is a copy of another file and was skipped")
+        text = f"{copy.path} is a copy of {copy.original} and was skipped"
+        stderr.print(escape_markup(text), soft_wrap=True)
+    for warning in report.warnings:
+        text = f"{warning.turbine}: {warning.text}"
+        stderr.print(f"[bold yellow]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)
     for each in report.salvaged:
-        warning = f"{each.path} {each.text}"
-        stderr.print(f"[bold yellow]pilewatch:[/] {escape_markup(warning)}", soft_wrap=True)
+        text = f"{each.path} {each.text}"
+        stderr.print(f"[bold yellow]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)
     for failure in report.failures:
         text = failure.text if failure.path in failure.text else f"{failure.path}: {failure.text}"
         stderr.print(f"[bold red]pilewatch:[/] {escape_markup(text)}", soft_wrap=True)

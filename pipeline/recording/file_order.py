@@ -13,6 +13,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 
@@ -23,6 +24,8 @@ from pipeline.recording.reader import leading_metadata
 from pipeline.recording.rotation import RESULTS, next_part, part_of, results_of
 from pipeline.recording.writer import Metadata
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, time_apart
+
+SHORTEST_SHARED = 1.0  # below it clocks of two sessions do not agree [s]
 
 _PART = re.compile(r"\.part(\d+)$")  # as `rotation.part_of` names the parts of one recording
 SESSION_FILE = "session.mcap"  # the first part of what `pilewatch run` records
@@ -95,6 +98,58 @@ def agree(before: Stretch, after: Stretch) -> bool:
     """Whether stamps and counts of two stretches of a session have the same time between them."""
     counted, stamped = time_apart(before, after)
     return abs(stamped - counted) <= CLOCK_STEP + CLOCK_ERROR * abs(counted)
+
+
+@dataclass(frozen=True, slots=True)
+class SharedTime:
+    """Time that two stretches of one unit hold under different sessions."""
+
+    before: int
+    """Place of the one that began first."""
+    after: int
+    """Place of the other one."""
+    start_ns: int
+    end_ns: int
+
+
+def shared_times(stretches: Sequence[Stretch]) -> list[SharedTime]:
+    """Return what stretches of other files hold once more of the time before them.
+
+    Parameters
+    ----------
+    stretches : sequence of Stretch
+        In order of time, of any units.
+
+    Notes
+    -----
+    Sessions that one recorder wrote part by part share no time: a clock has stepped between them.
+    """
+    shared = []
+    latest: dict[tuple[str, str], tuple[int, int]] = {}  # unit → place of the last one, its end
+    for place, stretch in enumerate(stretches):
+        n_samples = stretch.next_sample - stretch.first_sample
+        end_ns = stretch.start_ns + round(n_samples / stretch.sampling_rate * NANOSECONDS)
+        last, last_ns = latest.get(stretch.unit, (place, stretch.start_ns))
+        begins_later = stretches[last].start_ns <= stretch.start_ns
+        until_ns = min(end_ns, last_ns)
+        if (
+            begins_later
+            and stretches[last].session != stretch.session
+            and recording_and_part(stretches[last].path)[0] != recording_and_part(stretch.path)[0]
+            and until_ns - stretch.start_ns >= SHORTEST_SHARED * NANOSECONDS
+        ):
+            shared.append(SharedTime(last, place, stretch.start_ns, until_ns))
+        if end_ns > last_ns or not begins_later:
+            latest[stretch.unit] = (place, end_ns)
+    return shared
+
+
+def utc_span(start_ns: int, end_ns: int) -> str:
+    """Return a stretch of time for people: "2026-02-03 00:07:30 to 00:10:00 UTC (150 s)"."""
+    start, end = (datetime.fromtimestamp(each // NANOSECONDS, UTC) for each in (start_ns, end_ns))
+    last = end.strftime("%H:%M:%S" if start.date() == end.date() else "%Y-%m-%d %H:%M:%S")
+    duration = (end_ns - start_ns) / NANOSECONDS
+    return f"{start:%Y-%m-%d %H:%M:%S} to {last} UTC ({duration:.0f} s)"
 
 
 def _since(before: Stretch, after: Stretch) -> int:

@@ -115,7 +115,8 @@ def recording_info(path: Path) -> RecordingInfo:
 def salvageable_info(path: Path) -> RecordingInfo:
     """Return `recording_info` of the chunks that can be read; `damage` lists the others.
 
-    Raises RecordingError where the file is missing or no recording, or nothing of it is left.
+    Raises RecordingError where the file is missing or no recording, has no pilewatch channel, or
+    nothing of it is left.
     """
     tally, remains = _Tally(), Remains()
     with open_recording(path) as file:
@@ -128,6 +129,10 @@ def salvageable_info(path: Path) -> RecordingInfo:
     damage = _damage(remains, closed=closed)
     if damage and not tally.spans:
         raise RecordingError(f"{path} {damage}; no samples are left")
+    if remains.channels.foreign_content:
+        raise RecordingError(f"{path} {remains.channels.foreign_content}")
+    if not tally.counts and not metadata:  # a recording of ours begins with its metadata
+        raise RecordingError(f"{path} holds no pilewatch channel, and no other")
     return replace(tally.info(path, metadata), damage=damage)
 
 

@@ -5,9 +5,10 @@ with a checksum over all before it, summary, footer, magic. A chunk holds schema
 messages, compressed, with a checksum of its own. Source: https://mcap.dev/spec
 """
 
+import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -28,6 +29,7 @@ from pipeline.streams import STREAMS
 from pipeline.transport.codec import full_name
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
+MOST_TOPICS = 5  # of other programs that an error names
 _FOOTER = struct.Struct("<QQI")  # start of the summary, of its offsets; checksum
 _RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows [bytes]
 
@@ -241,7 +243,7 @@ class McapChannels:
     """The schemas and channels met so far; makes sense of the messages that follow them."""
 
     def __init__(self) -> None:
-        self.foreign: set[str] = set()  # topics of other programs
+        self.foreign: dict[str, str] = {}  # topics of other programs → how they are written
         self.known: set[str] = set()  # topics of ours
         self.n_foreign = 0  # messages of other programs
         self._schemas: dict[int, str] = {}
@@ -275,7 +277,29 @@ class McapChannels:
     def _add(self, channel: Channel) -> None:
         message_type = _MESSAGE_TYPES.get(self._schemas.get(channel.schema_id, ""))
         self._channels[channel.id] = (message_type, channel.topic)
-        (self.foreign if message_type is None else self.known).add(channel.topic)
+        if message_type is None:
+            self.foreign[channel.topic] = self._written_as(channel)
+        else:
+            self.known.add(channel.topic)
+
+    def _written_as(self, channel: Channel) -> str:
+        encoding = channel.message_encoding or "none"
+        schema = self._schemas.get(channel.schema_id, "") or "none"
+        return f"message encoding {encoding} and schema {schema}"
+
+    @property
+    def foreign_content(self) -> str:
+        """Why a file is of another program, for people; "" where a channel is ours."""
+        if self.known or not self.foreign:
+            return ""
+        like_ours = [
+            f"{topic} with {self.foreign[topic]} (expected: protobuf and {schema})"
+            for topic in sorted(self.foreign)
+            if (schema := _schema_on(topic))
+        ]
+        if like_ours:
+            return f"cannot be understood: it has {_first_of(like_ours)}"
+        return f"holds no pilewatch channel, only {_first_of(sorted(self.foreign))}"
 
     def _message(self, part: McapMessage) -> Iterator[RecordedMessage]:
         message_type, key = self._channels[part.channel_id]
@@ -289,6 +313,20 @@ def metadata_section(record: Record) -> tuple[str, dict[str, str]]:
     """Name and texts of a metadata record. Raises one of DAMAGE."""
     metadata = Metadata.read(ReadDataStream(BytesIO(record.content)))
     return metadata.name, metadata.metadata
+
+
+def _first_of(texts: Sequence[str]) -> str:
+    more = len(texts) - MOST_TOPICS
+    return ", ".join(texts[:MOST_TOPICS]) + (f" and {more} more" if more > 0 else "")
+
+
+def _schema_on(topic: str) -> str | None:
+    """Return the schema that pilewatch's messages on a topic have; None where it has none."""
+    for stream in STREAMS:
+        pattern = re.sub(r"\\{\w+\\}", "[^/]+", re.escape(stream.key))
+        if re.fullmatch(pattern, topic):
+            return full_name(stream.message.__name__)
+    return None
 
 
 _MESSAGE_TYPES = {full_name(stream.message.__name__): stream.message for stream in STREAMS}

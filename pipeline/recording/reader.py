@@ -133,7 +133,5 @@ def _recorded(path: Path, file: BinaryIO) -> Iterator[RecordedMessage]:
                     "the other chunks can be salvaged"
                 ) from error
             yield from messages
-    if channels.foreign and not channels.known:
-        raise RecordingError(
-            f"{path} holds no pilewatch channel, only {', '.join(sorted(channels.foreign))}"
-        )
+    if channels.foreign_content:
+        raise RecordingError(f"{path} {channels.foreign_content}")

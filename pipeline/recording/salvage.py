@@ -167,8 +167,8 @@ class Remains:
 
     def __init__(self) -> None:
         self.lost_bytes = 0  # of damaged chunks, as they lie in the file
+        self.channels = McapChannels()
         self._chunks = self._damaged = self._messages = self._unreadable = 0
-        self._channels = McapChannels()
         self._cut_bytes = 0
         self._expected: int | None = None  # messages by the file's summary
         self._starts_ns: list[int] = []
@@ -176,15 +176,15 @@ class Remains:
 
     def messages(self, file: BinaryIO) -> Iterator[RecordedMessage]:
         """Yield what the complete chunks hold, in order, not yet decoded."""
-        channels, summary = self._channels, summary_of(file)
-        channels.learn(summary)
+        summary = summary_of(file)
+        self.channels.learn(summary)
         if summary is not None and summary.statistics is not None:
             self._expected = summary.statistics.message_count
         elif not is_closed_properly(file):
             self._cut_bytes = incomplete_bytes(file)
         for record in chunk_records(file, summary):
             try:
-                messages = channels.messages(record)
+                messages = self.channels.messages(record)
             except MCAP_DAMAGE:
                 self._damaged += 1
                 self.lost_bytes += len(record.content)
@@ -207,7 +207,7 @@ class Remains:
 
     def counted(self) -> SalvagedContent:
         """Return what has been met until now."""
-        met = self._messages + self._unreadable + self._channels.n_foreign
+        met = self._messages + self._unreadable + self.channels.n_foreign
         span_ns = max(self._ends_ns, default=0) - min(self._starts_ns, default=0)
         return SalvagedContent(
             chunks=self._chunks,
@@ -215,8 +215,8 @@ class Remains:
             messages=self._messages,
             unreadable_messages=self._unreadable,
             duration=span_ns / NANOSECONDS,
-            foreign_messages=self._channels.n_foreign,
-            foreign=tuple(sorted(self._channels.foreign)) if self._channels.n_foreign else (),
+            foreign_messages=self.channels.n_foreign,
+            foreign=tuple(sorted(self.channels.foreign)) if self.channels.n_foreign else (),
             cut_bytes=self._cut_bytes,
             gone_messages=0 if self._expected is None else max(0, self._expected - met),
         )

@@ -3,6 +3,7 @@
 settings.py      what a scenario may set, a type for each section
 loading.py       scenarios from names, files and recordings; what a recording stores of one
 farm_members.py  the scenario of each turbine of a farm
+differences.py   in what two scenarios would give other results
 
 Shipped scenarios live in `pipeline/scenarios`; a path to a file of one's own works wherever a
 name does. The text of the scenario is stored in every recording, so that any recording can be

@@ -25,6 +25,8 @@ from pipeline.scenario import (
     scenario_metadata,
     with_sampler,
 )
+from pipeline.scenario.differences import other_settings
+from pipeline.sources.folder_differences import report_other_layouts, report_shared_times
 from pipeline.sources.ground_truth import (
     later_truths,
     simulated_truths,
@@ -330,12 +332,18 @@ def replayed(path: Path, scenario: str | None = None) -> Source:
     infos = [recording_info(file) for file in recordings_in(path)]
     recorded = source_of(path, infos)
     stored = infos[-1].metadata.get("scenario")
+    report_other_layouts(infos)
+    report_shared_times(infos)
     if scenario is not None:
         chosen = load_scenario(scenario)
         if recorded.truth is None:  # measured
             require_stated_structure(chosen)
     elif stored:
         chosen = scenario_from_metadata(stored, f"scenario in {path}")
+        files = [(str(info.path), info.metadata.get("scenario", {})) for info in reversed(infos)]
+        for turbine in recorded.turbines:
+            for line in other_settings(files, chosen, turbine):
+                logger.warning("%s: %s", turbine, line)
     else:
         report_modes_only(str(path))
         chosen = modes_only(recorded.layout.turbine)

@@ -132,6 +132,60 @@ def joined_layout(layouts: Sequence[SensorLayout]) -> SensorLayout:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class LayoutDifference:
+    """The first channel that two layouts do not have in common."""
+
+    channel: str
+    before: str
+    """What the first says of it: "is at 41 m"."""
+    after: str
+    """What the second says."""
+
+
+def layout_difference(before: SensorLayout, after: SensorLayout) -> LayoutDifference | None:
+    """Return the first difference of two layouts; None where one of them holds for both.
+
+    A layout holds for another one that has fewer channels, all of them as they are in it.
+    """
+    if holds_for(before, after) or holds_for(after, before):
+        return None
+    others = {channel.name: channel for channel in after.channels}
+    for channel in before.channels:
+        other = others.get(channel.name)
+        if other is not None and _read_at(channel) != _read_at(other):
+            return _difference(channel, other)
+    missing = next(name for name in before.channel_names if name not in others)
+    return LayoutDifference(missing, "is there", "is not")
+
+
+def holds_for(layout: SensorLayout, other: SensorLayout) -> bool:
+    """Whether a layout has every channel of another one, as a model of the structure reads it."""
+    own = {channel.name: _read_at(channel) for channel in layout.channels}
+    return all(own.get(channel.name) == _read_at(channel) for channel in other.channels)
+
+
+def _read_at(channel: Accelerometer) -> tuple[object, ...]:
+    """What of a channel a model of the structure needs."""
+    corner_frequency = channel.corner_frequency if channel.coupling == "ac" else 0.0
+    return (channel.elevation, channel.direction, channel.coupling, corner_frequency)
+
+
+def _difference(channel: Accelerometer, other: Accelerometer) -> LayoutDifference:
+    if channel.elevation != other.elevation:
+        texts = [f"is at {each.elevation:g} m" for each in (channel, other)]
+    elif channel.direction != other.direction:
+        texts = [f"points along {list(each.direction)}" for each in (channel, other)]
+    else:
+        texts = [
+            f"is AC-coupled above {each.corner_frequency:g} Hz"
+            if each.coupling == "ac"
+            else "is DC-coupled"
+            for each in (channel, other)
+        ]
+    return LayoutDifference(channel.name, *texts)
+
+
 def turning_matrix(layout: SensorLayout, yaw: float) -> NDArray[np.float64]:
     """(n_channels, n_channels): readings along tower axes → along nacelle axes, yaw [deg].
 

@@ -28,6 +28,11 @@ def is_remote(text: str) -> bool:
     return bool(mark) and scheme.isalnum() and len(scheme) > 1
 
 
+def name_of(path: Path) -> str:
+    """Return a file's name for people: its URL, or its path."""
+    return url_of(path) or str(path)
+
+
 def url_of(path: Path) -> str:
     """Return the URL that a path stands for; "" for a file of a disk."""
     first = path.parts[0] if path.parts else ""

@@ -38,8 +38,8 @@ class HistoryPlan:
     """That any window may have."""
     hop: float
     """From one window's start to the next one's [s]."""
-    updating: UpdatingPlan | None
-    """None: modes only."""
+    updating: tuple[UpdatingPlan, ...]
+    """Of each layout period, in order of time; () modes only."""
     key: str
     """Fingerprint of all of it, and of how windows are identified."""
 
@@ -56,8 +56,8 @@ class DayCall:
     plan: HistoryPlan
     state: tuple[StoredFrame, ...]
     """That the day before has left; () there is none."""
-    answers: tuple[StoredFrame, ...]
-    """Of its tasks, in order of time."""
+    answers: tuple[tuple[int, tuple[StoredFrame, ...]], ...]
+    """Of its tasks, in order of time: those in a row of one layout period, under its number."""
 
 
 def day_frames(call: DayCall) -> tuple[StoredFrame, ...]:
@@ -68,28 +68,71 @@ def day_frames(call: DayCall) -> tuple[StoredFrame, ...]:
     if TRACKED in state:
         tracked = decoded_checkpoint(state[TRACKED], TrackingState, plan.owner, origin="tracking")
     tracking = ArchiveTracking(plan.channels, plan.hop, tracked)
-    followed = tracking.followed(kept_messages(call.answers))
     frames: list[StoredFrame] = []
-    if plan.updating is None:
-        frames += kept_frames(followed)
-    else:
-        before = _saved_pass(state[UPDATED]) if UPDATED in state else None
-        updating = PosteriorPass(plan.updating, _done_at_once, before)
-        for each in updating.answers(followed):
-            frames += [_stretch_frame(each)] if isinstance(each, Call) else kept_frames([each])
-        frames.append((UPDATED, _saved_bytes(updating.saved)))
+    updating = _Updating(plan, state)
+    for period, answers in call.answers:
+        frames += updating.frames(period, tracking.followed(kept_messages(answers)))
+    frames += updating.saved
     frames.append((TRACKED, encoded_checkpoint(tracking.state, plan.owner)))
     return tuple(frames)
+
+
+class _Updating:
+    """The passes over a day's windows: one, or where the layout changes one each."""
+
+    def __init__(self, plan: HistoryPlan, state: dict[str, bytes]) -> None:
+        self._plan = plan
+        self._period: int | None = None
+        self._pass: PosteriorPass | None = None
+        for kind, content in state.items():
+            if _kind_of(kind) == UPDATED:
+                self._begin(_number_of(kind), _saved_pass(content))
+
+    def _begin(self, period: int, before: SavedPass | None = None) -> PosteriorPass:
+        self._period = period
+        self._pass = PosteriorPass(self._plan.updating[period], _done_at_once, before)
+        return self._pass
+
+    def frames(self, period: int, followed: Iterator[Message]) -> Iterator[StoredFrame]:
+        """Yield windows, and what follows from them, of one layout period."""
+        if not self._plan.updating:
+            yield from kept_frames(followed)
+            return
+        going_on = self._pass if period == self._period else None
+        for each in (going_on or self._begin(period)).answers(followed):
+            if isinstance(each, Call):
+                yield _stretch_frame(each, period)
+            else:
+                yield from kept_frames([each])
+
+    @property
+    def saved(self) -> Iterator[StoredFrame]:
+        """The state after the day."""
+        if self._pass is not None and self._period is not None:
+            yield (_numbered(UPDATED, self._period), _saved_bytes(self._pass.saved))
+
+
+def _numbered(kind: str, period: int) -> str:
+    """Return the kind of a frame of a layout period; the first has none, as in earlier versions."""
+    return f"{kind} {period}" if period else kind
+
+
+def _kind_of(kind: str) -> str:
+    return kind.partition(" ")[0]
+
+
+def _number_of(kind: str) -> int:
+    return int(kind.partition(" ")[2] or 0)
 
 
 def _done_at_once(key: str, make: Callable[[], tuple[StoredFrame, ...]]) -> tuple[StoredFrame, ...]:
     return make()
 
 
-def _stretch_frame(call: Call) -> StoredFrame:
+def _stretch_frame(call: Call, period: int) -> StoredFrame:
     stretch: StretchCall = call.argument
     parts = (stretch.state, *stretch.estimates)
-    return (STRETCH, b"".join(_LENGTH.pack(len(part)) + part for part in parts))
+    return (_numbered(STRETCH, period), b"".join(_LENGTH.pack(len(part)) + part for part in parts))
 
 
 def _saved_bytes(saved: SavedPass) -> bytes:
@@ -131,20 +174,21 @@ def passed_day(plan: HistoryPlan, frames: tuple[StoredFrame, ...]) -> PassedDay:
     """Return the day, taken apart."""
     states = (TRACKED, UPDATED)
     entries = [
-        _stretch_call(plan, content) if kind == STRETCH else (kind, content)
+        _stretch_call(plan.updating[_number_of(kind)], content)
+        if _kind_of(kind) == STRETCH
+        else (kind, content)
         for kind, content in frames
-        if kind not in states
+        if _kind_of(kind) not in states
     ]
-    return PassedDay(tuple(entries), tuple(each for each in frames if each[0] in states))
+    return PassedDay(tuple(entries), tuple(each for each in frames if _kind_of(each[0]) in states))
 
 
-def _stretch_call(plan: HistoryPlan, content: bytes) -> Call:
+def _stretch_call(plan: UpdatingPlan, content: bytes) -> Call:
     parts, place = [], 0
     while place < len(content):
         (length,) = _LENGTH.unpack_from(content, place)
         place += _LENGTH.size
         parts.append(content[place : place + length])
         place += length
-    assert plan.updating is not None
-    stretch = StretchCall(plan.updating, parts[0], tuple(parts[1:]))
+    stretch = StretchCall(plan, parts[0], tuple(parts[1:]))
     return Call(stretch.key, posteriors, stretch)

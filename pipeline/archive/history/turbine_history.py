@@ -87,7 +87,8 @@ def days_of(calls: Iterable[IdentificationCall], gaps: Iterable[StreamGap]) -> t
 
 
 def _day(date: str, calls: Sequence[IdentificationCall], gaps: Sequence[StreamGap]) -> Day:
-    content = key_of_result(*(call.task.content for call in calls), *map(repr, gaps))
+    later = [repr((n, call.period)) for n, call in enumerate(calls) if call.period]
+    content = key_of_result(*(call.task.content for call in calls), *map(repr, gaps), *later)
     return Day(date, tuple(calls), tuple(gaps), content)
 
 
@@ -231,8 +232,7 @@ class TurbineHistory:
         key = self._keys[number]
         frames = self._finished.get(_pass_key(key))
         if frames is None:
-            answers = (self._finished.get(call.key) or () for call in day.calls)
-            call = DayCall(self._plan, state, tuple(chain.from_iterable(answers)))
+            call = DayCall(self._plan, state, tuple(self._answers(day)))
             yield self._awaiting(Call(_pass_key(key), day_frames, call))
             while _pass_key(key) in self._awaited:
                 yield None
@@ -250,6 +250,12 @@ class TurbineHistory:
                 else:
                     yield self._awaiting(posterior)
         return passed.state
+
+    def _answers(self, day: Day) -> Iterator[tuple[int, tuple[StoredFrame, ...]]]:
+        """Windows of a day, those in a row of one layout period together."""
+        for period, calls in groupby(day.calls, key=lambda call: call.period):
+            answers = (self._finished.get(call.key) or () for call in calls)
+            yield period, tuple(chain.from_iterable(answers))
 
     def _awaiting(self, call: Call) -> Call:
         self._awaited.add(call.key)
@@ -315,11 +321,11 @@ def state_key(day: str) -> str:
 
 def history_plan(turbine: TurbineArchive) -> HistoryPlan:
     """Return the plan of one turbine's archive."""
-    updating, oma = turbine.updating, turbine.scenario.oma
+    updating, oma = turbine.updating_by_period, turbine.scenario.oma
     key = key_of_result(
         "history",
         turbine.plan.turbine,
         repr((turbine.channels, oma, turbine.layouts)),
-        "" if updating is None else updating.key,
+        *([each.key for each in updating] or [""]),
     )
     return HistoryPlan(turbine.plan.turbine, turbine.channels, oma.hop, updating, key)

@@ -60,7 +60,7 @@ def archive_of(
 ) -> ModalArchive:
     """The turbine with these files."""
     plan = TurbinePlan(layout.turbine, tuple(tasks), ())
-    return ModalArchive(plan, modes_only(layout.turbine), (layout,), updating)
+    return ModalArchive(plan, modes_only(layout.turbine), (layout,), given=updating)
 
 
 def keep_windows(

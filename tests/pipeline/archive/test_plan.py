@@ -151,6 +151,56 @@ def test_the_same_time_under_another_name_counts_once() -> None:
     assert [len(chain) for chain in chains_of(in_order)] == [1]
 
 
+def test_time_that_two_sessions_hold_is_used_once_and_reported() -> None:
+    """As if one file had it all: the second goes on where the first one ends."""
+    first, second = part("a", 0, 250), part("b", 0, 250, session="again", start=15.0)
+    plan = turbine_plan([first, second], TEN_SECONDS)
+
+    assert sum(task.n_windows for task in plan.tasks) == 4
+    assert [(p.path.name, p.first_sample, p.end_sample) for p in plan.tasks[0].pieces] == [
+        ("a", 0, 250), ("b", 100, 150),
+    ]  # fmt: skip
+    assert plan.tasks[1].start_ns == START_NS + 30 * NANOSECONDS
+    (overlap,) = plan.overlaps
+    assert (overlap.first, overlap.second) == (Path("a"), Path("b"))
+    assert (overlap.start_ns - START_NS, overlap.end_ns - START_NS) == (
+        15 * NANOSECONDS,
+        25 * NANOSECONDS,
+    )
+    archive = TurbineArchive(plan, modes_only("t"), ())
+    assert archive.warnings == (
+        "a and b both cover 2023-11-14 22:13:35 to 22:13:45 UTC (10 s); those of b are left out",
+    )
+
+
+def test_a_file_that_lies_within_another_ones_time_is_reported() -> None:
+    parts = [part("a", 0, 500), part("b", 0, 250, session="again", start=10.0), part("c", 500, 250)]
+    plan = turbine_plan(parts, TEN_SECONDS)
+    assert [(o.second.name, (o.end_ns - o.start_ns) / NANOSECONDS) for o in plan.overlaps] == [
+        ("b", 25.0)
+    ]
+    assert sum(task.n_windows for task in plan.tasks) == 8  # of which the last is incomplete
+
+
+def test_what_a_restart_repeats_and_what_clocks_of_sessions_are_off_is_no_shared_time() -> None:
+    repeated = [part("a", 0, 250), part("b", 200, 300)]
+    jitter = [part("a", 0, 250), part("b", 0, 250, session="s2", start=24.5)]
+    stepped = [part("r.mcap", 0, 250), part("r.part2.mcap", 0, 250, session="s2", start=15.0)]
+    for parts in (repeated, jitter, stepped):
+        assert turbine_plan(parts, TEN_SECONDS).overlaps == ()
+
+
+def test_of_units_that_are_joined_within_files_shared_time_is_used_twice_and_reported() -> None:
+    lower, again = part("a", 0, 250), part("b", 0, 250, session="again", start=15.0)
+    parts = [lower, replace(lower, unit="upper"), again, replace(again, unit="upper")]
+    plan = turbine_plan(parts, TEN_SECONDS)
+    assert [overlap.used_twice for overlap in plan.overlaps] == [True, True]
+    warnings = TurbineArchive(plan, modes_only("t"), ()).warnings
+    assert warnings == (
+        "a and b both cover 2023-11-14 22:13:35 to 22:13:45 UTC (10 s); both are used",
+    )
+
+
 def test_other_channels_or_rates_never_join() -> None:
     other = replace(part("b", 250, 250), sampling_rate=20.0)
 

@@ -1,5 +1,7 @@
 """An archive gives the numbers of one recording of the whole, whoever works and however often."""
 
+import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ from mcap.opcode import Opcode
 from pyarrow import parquet
 from typer.testing import CliRunner
 
-from pipeline.archive.reprocessing import FINISHED, ArchiveReport, reprocessed
+from pipeline.archive.reprocessing import FINISHED, SUMMARY, ArchiveReport, reprocessed
 from pipeline.archive.survey import surveyed
 from pipeline.archive.tracking import ArchiveTracking
 from pipeline.archive.turbines import archived_turbines
@@ -26,6 +28,7 @@ from pipeline.sources.sources import replayed
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from tests.pipeline.archive.archives import MEASURED, Renamed, rewritten, tables_of
+from tests.pipeline.recording.test_recording import of_another_program
 
 pytestmark = pytest.mark.usefixtures("identified_once")
 
@@ -105,6 +108,41 @@ def test_a_file_without_a_whole_chunk_is_one_line_and_the_rest_goes_on(
     assert "2 windows identified" in said.output.replace("\n", "")
     (line,) = [line for line in said.output.splitlines() if str(broken) in line]
     assert "was cut off before its end" in line
+
+
+def test_files_that_are_no_recordings_or_have_gone_are_a_line_each_and_exit_code_2(
+    tmp_path: Path,
+) -> None:
+    of_another_program(tmp_path / "robot.mcap", {"/robot/pose": ("json", "Pose")})
+    (tmp_path / "gone.mcap").symlink_to(tmp_path / "nowhere.mcap")
+
+    said = CLI.invoke(
+        app, ["reprocess", str(tmp_path / "*.mcap"), "-o", str(tmp_path / "out"), "--serial"]
+    )
+
+    assert said.exit_code == 2
+    failures = json.loads((tmp_path / "out" / SUMMARY).read_text())["failures"]
+    assert [
+        (Path(each["file"]).name, each["reason"].partition(".mcap")[2]) for each in failures
+    ] == [
+        ("gone.mcap", ": No such file or directory"),
+        ("robot.mcap", " holds no pilewatch channel, only /robot/pose"),
+    ]
+
+
+def test_a_copy_is_skipped_and_the_file_that_is_used_is_named(
+    archive: list[Path], results: Path, tmp_path: Path
+) -> None:
+    copy = Path(shutil.copy(archive[1], tmp_path / "z.mcap"))
+
+    said = CLI.invoke(
+        app, ["reprocess", *map(str, archive), str(copy), "-o", str(results), "--serial"]
+    )
+
+    first, second = sorted([archive[1], copy])
+    assert f"{second} is a copy of {first} and was skipped" in said.output
+    copies = json.loads((results / SUMMARY).read_text())["copies"]
+    assert copies == [{"file": str(second), "original": str(first)}]
 
 
 def test_what_a_damaged_file_still_holds_is_surveyed_and_read(

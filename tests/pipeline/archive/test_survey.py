@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 
 from pipeline.archive import survey as survey_module
-from pipeline.archive.survey import SurveyCache, surveyed
+from pipeline.archive.survey import FileSurvey, SurveyCache, archive_files, surveyed
 from pipeline.messages import StreamGap
+from pipeline.recording.errors import RecordingError
+from tests.pipeline.recording.test_recording import of_another_program
 
 
 @pytest.fixture
@@ -80,3 +82,30 @@ def test_surveys_are_written_when_a_tenth_of_them_is_new_and_at_least_so_many(
             written.append(number + 1)
             kept.unlink()
     assert written == [*range(3, 40, 3), 43, 47, 52, 57]
+
+
+def test_a_file_of_another_program_is_read_again_and_refused(tmp_path: Path) -> None:
+    """Earlier versions kept it as a recording without samples."""
+    foreign = of_another_program(tmp_path / "robot.mcap", {"/robot/pose": ("json", "Pose")})
+    cache = SurveyCache(tmp_path / "surveys.pw")
+    cache.put(foreign, FileSurvey(foreign, "some bytes", (), ()))
+
+    assert cache.get(foreign) is None
+    with pytest.raises(RecordingError, match="holds no pilewatch channel, only /robot/pose"):
+        surveyed(foreign)
+    nothing = of_another_program(tmp_path / "nothing.mcap", {})
+    with pytest.raises(RecordingError, match="holds no pilewatch channel, and no other"):
+        surveyed(nothing)
+
+
+def test_a_link_to_a_file_that_has_gone_is_named_by_a_pattern_too(
+    recording: Path, tmp_path: Path
+) -> None:
+    gone = tmp_path / "gone.mcap"
+    gone.symlink_to(tmp_path / "nowhere.mcap")
+    (tmp_path / "folder.mcap").mkdir()
+
+    assert archive_files([str(tmp_path / "*.mcap")]) == (recording, gone)
+    assert archive_files([str(gone)]) == (gone,)
+    with pytest.raises(RecordingError, match=r"gone\.mcap: No such file"):
+        surveyed(gone)

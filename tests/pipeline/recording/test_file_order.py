@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.recording.file_order import Stretch, logical_starts, recording_and_part
+from pipeline.recording.file_order import Stretch, logical_starts, recording_and_part, utc_span
 from pipeline.recording.writer import Recorder
 from pipeline.sources.recorded_stream import recorded_stream, recordings_in
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -79,3 +79,10 @@ def test_a_folder_is_replayed_in_the_order_of_samples(tmp_path: Path, off: int) 
     assert [each.name for each in recordings_in(tmp_path)] == ["x.mcap", "b.mcap", "a.mcap"]
     blocks = [each for each in recorded_stream(tmp_path) if isinstance(each, AccelerationBlock)]
     assert [each.sequence for each in blocks] == list(range(60))
+
+
+def test_a_stretch_of_time_over_midnight_has_both_dates() -> None:
+    start = 1_700_000_000 * NANOSECONDS  # 22:13:20
+    assert utc_span(start, start + 7200 * NANOSECONDS) == (
+        "2023-11-14 22:13:20 to 2023-11-15 00:13:20 UTC (7200 s)"
+    )

@@ -207,16 +207,38 @@ def test_a_cut_recording_says_what_can_be_salvaged(recording: Path) -> None:
     assert "complete chunks" in message
 
 
-def test_an_mcap_file_of_another_program_names_its_topics(tmp_path: Path) -> None:
-    path = tmp_path / "robot.mcap"
+def of_another_program(path: Path, topics: dict[str, tuple[str, str]]) -> Path:
+    """An MCAP file with a message on each topic, of that message encoding and schema."""
     with path.open("wb") as file:
         writer = mcap.writer.Writer(file)
         writer.start()
-        schema = writer.register_schema("Pose", "jsonschema", b"{}")
-        channel = writer.register_channel("/robot/pose", "json", schema)
-        writer.add_message(channel, log_time=0, data=b"{}", publish_time=0)
+        for topic, (encoding, name) in topics.items():
+            schema = writer.register_schema(name, "jsonschema", b"{}")
+            channel = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channel, log_time=0, data=b"{}", publish_time=0)
         writer.finish()
-    assert "holds no pilewatch channel, only /robot/pose" in refusal(path)
+    return path
+
+
+def test_an_mcap_file_of_another_program_names_its_topics(tmp_path: Path) -> None:
+    path = of_another_program(tmp_path / "robot.mcap", {"/robot/pose": ("json", "Pose")})
+    assert refusal(path).endswith("holds no pilewatch channel, only /robot/pose")
+
+    many = {f"/robot/{number}": ("json", "Pose") for number in range(9)}
+    path = of_another_program(tmp_path / "many.mcap", many)
+    assert refusal(path).endswith(
+        "only /robot/0, /robot/1, /robot/2, /robot/3, /robot/4 and 4 more"
+    )
+
+
+def test_our_topic_in_another_encoding_says_which_and_what_is_expected(tmp_path: Path) -> None:
+    ours = {"pilewatch/A/tower/acceleration": ("json", "sensor_msgs/Imu")}
+    path = of_another_program(tmp_path / "ours.mcap", {"/robot/pose": ("json", "Pose"), **ours})
+    assert refusal(path).endswith(
+        "ours.mcap cannot be understood: it has pilewatch/A/tower/acceleration with message "
+        "encoding json and schema sensor_msgs/Imu (expected: protobuf and "
+        "pilewatch.AccelerationBlock)"
+    )
 
 
 @settings(max_examples=60)

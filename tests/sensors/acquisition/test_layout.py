@@ -1,6 +1,7 @@
 """Which channel is which, when the units of a turbine are taken together."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -8,9 +9,12 @@ from sensors.acquisition.layout import (
     FORE_AFT,
     SIDE_SIDE,
     Accelerometer,
+    LayoutDifference,
     LayoutError,
     SensorLayout,
+    biaxial_layout,
     joined_layout,
+    layout_difference,
 )
 
 LOWER = SensorLayout(
@@ -45,3 +49,25 @@ def test_a_name_that_appears_twice_among_many_is_found() -> None:
     assert len(SensorLayout("many", "t", "u", tuple(channels)).channels) == 50_000
     with pytest.raises(LayoutError, match="'x7' appears more than once"):
         SensorLayout("many", "t", "u", (*channels, channels[7]))
+
+
+def test_the_first_difference_of_two_layouts_is_a_channel_and_what_each_says_of_it() -> None:
+    layout = biaxial_layout("a", turbine="t", unit="tower", elevations=(41.0, 80.0))
+    first, *others = layout.channels
+
+    def changed(**values: Any) -> LayoutDifference | None:
+        other = replace(layout, channels=(replace(first, **values), *others))
+        return layout_difference(layout, other)
+
+    ac = {"coupling": "ac", "corner_frequency": 0.05}
+    assert changed() is None
+    assert changed(serial="other", corner_frequency=0.05) is None  # of a DC-coupled one
+    assert changed(elevation=30.0) == LayoutDifference("z41-fa", "is at 41 m", "is at 30 m")
+    assert changed(direction=(-1.0, 0.0, 0.0)) == LayoutDifference(
+        "z41-fa", "points along [1.0, 0.0, 0.0]", "points along [-1.0, 0.0, 0.0]"
+    )
+    assert changed(**ac) == LayoutDifference(
+        "z41-fa", "is DC-coupled", "is AC-coupled above 0.05 Hz"
+    )
+    assert changed(name="new") == LayoutDifference("z41-fa", "is there", "is not")
+    assert layout_difference(layout, replace(layout, channels=tuple(others))) is None
