@@ -247,6 +247,7 @@ def export(
     """
     from pipeline.export.export import export as exported
     from pipeline.export.imu import export_imu
+    from pipeline.state.phrases import count_noun
 
     if csv + parquet + imu != 1:
         raise InputError("export needs one of --csv, --parquet and --imu")
@@ -255,9 +256,10 @@ def export(
             files = export_imu(file, out, report=report)
         else:
             files = exported(file, out, "csv" if csv else "parquet", report=report)
-    what = "messages" if imu else "rows"
+    what = "message" if imu else "row"
     if as_json:
-        print_json([{"file": str(each.path), what: each.rows} for each in files])
+        print_json([{"file": str(each.path), f"{what}s": each.rows} for each in files])
         return
     for each in files:
-        output.print(f"{each.path}: {each.rows} {what}", soft_wrap=True, highlight=False)
+        content = count_noun(each.rows, what)
+        output.print(f"{each.path}: {content}", soft_wrap=True, highlight=False)
