@@ -9,8 +9,8 @@ from pathlib import Path
 
 from pipeline.farm.settings import FarmError
 from pipeline.messages import FoundationEvent, FoundationPosterior, Message
-from pipeline.recording.file_order import session_in
 from pipeline.recording.reader import read_messages
+from pipeline.recording.rotation import session_in
 from pipeline.recording.salvage import what_to_do
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.transport.bus import Bus, Inbox

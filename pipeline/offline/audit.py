@@ -14,10 +14,9 @@ from pipeline.messages import (
 )
 from pipeline.offline.stopped_runs import stopped_runs
 from pipeline.recording.errors import RecordingError
-from pipeline.recording.file_order import SESSION_FILE
 from pipeline.recording.latest_messages import files_of, readable_messages
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
-from pipeline.recording.rotation import RESULTS
+from pipeline.recording.rotation import RESULTS, SESSION_FILE
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS, FOLDER, parsed
 from pipeline.scenario import scenario_from_metadata

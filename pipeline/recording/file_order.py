@@ -1,12 +1,8 @@
-"""In which order stretches of recordings were measured, whatever a unit's clock says, and which
-files of a folder are of one session.
+"""In which order stretches of recordings were measured, whatever a unit's clock says.
 
 boot    | 0 … 1000 | 1000 … 2000 | 2000 … 3000 |     by the count of samples
 stamps      2036        2026          2026           set after the first stretch: it moves to 2026
 next boot follows the one before it in one recorder's parts, whatever both stamps are
-
-session-20260301T…Z.mcap   session-20260302T…Z.mcap   session.mcap   session.part2.mcap
-a replay: not included     live ────────────────────► the same session, started again
 """
 
 import re
@@ -18,23 +14,12 @@ from itertools import pairwise
 from pathlib import Path
 
 from pipeline.oma.windows.unit_clock import CLOCK_ERROR
-from pipeline.recording.errors import RecordingError
 from pipeline.recording.info import UnitInfo
-from pipeline.recording.reader import leading_metadata
-from pipeline.recording.rotation import RESULTS, next_part, part_of, results_of
-from pipeline.recording.writer import Metadata
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, time_apart
 
 SHORTEST_SHARED = 1.0  # below it clocks of two sessions do not agree [s]
 
 _PART = re.compile(r"\.part(\d+)$")  # as `rotation.part_of` names the parts of one recording
-SESSION_FILE = "session.mcap"  # the first part of what `pilewatch run` records
-FRESH = "fresh"  # in the metadata's section "run": the session was started with --fresh
-_EARLIER = re.compile(  # as `pipeline.run.folder.set_aside` names the files of an earlier start
-    rf"{Path(SESSION_FILE).stem}-(?P<date>\d{{8}}T\d{{6}}Z(?:-\d+)?)(?:\.part(?P<part>\d+))?"
-    rf"(?:\{RESULTS})?\.mcap"
-)
-_FROM_FILES = ("replay:", "simulate:")  # how the source of what is no live session begins
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,95 +192,3 @@ def recording_and_part(path: Path) -> tuple[Path, int]:
     if found is None:
         return path, 1
     return path.with_name(path.stem[: found.start()] + path.suffix), int(found.group(1))
-
-
-@dataclass(frozen=True, slots=True)
-class _EarlierFile:
-    """A part of a start that a later one has set aside."""
-
-    path: Path
-    date: str
-    """Of its last change, as its name has it."""
-    part: int
-    metadata: Metadata
-
-    @property
-    def epoch(self) -> int | None:
-        """Number of the start; None in older recordings."""
-        text = self.metadata.get("run", {}).get("epoch", "")
-        return int(text) if text.isdigit() else None
-
-
-def session_in(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Files of the session in a folder, its earlier starts included; those of other sessions.
-
-    Both in order of recording; both empty where no session was recorded.
-    """
-    latest = latest_start(folder)
-    starts = _earlier_starts(folder, latest)
-    if latest:
-        starts.append(latest)
-    if not starts:
-        return [], []
-    first = len(starts) - 1
-    while first > 0 and _goes_on(starts[first][0]) and _is_live(starts[first - 1][0]):
-        first -= 1
-    included = [file for start in starts[first:] for file in start]
-    return included, [file for start in starts[:first] for file in start]
-
-
-def latest_start(path: Path) -> list[Path]:
-    """The closed parts of the latest start in a folder, results where samples have gone."""
-    first = path / SESSION_FILE
-    parts = [part_of(first, number) for number in range(1, next_part(first))]
-    return [file for part in parts for file in (part, results_of(part)) if file.exists()]
-
-
-def _earlier_starts(folder: Path, latest: Sequence[Path]) -> list[list[Path]]:
-    """The files of each start that was set aside, oldest first.
-
-    The dates in their names are those of last changes, which samples that have gone renew: the
-    starts' own numbers come first. Where the folder's lock was deleted, these begin again.
-    """
-    found = [
-        _EarlierFile(path, match["date"], int(match["part"] or 1), _metadata(path))
-        for path in folder.glob("*.mcap")
-        if (match := _EARLIER.fullmatch(path.name))
-    ]
-    places = [(file.epoch, file.part, RESULTS in file.path.name) for file in found]
-    numbered = None not in {file.epoch for file in found} and len(set(places)) == len(places)
-    if numbered and latest:
-        newest = _EarlierFile(latest[0], "", 1, _metadata(latest[0])).epoch
-        numbered = newest is not None and all((file.epoch or 0) < newest for file in found)
-    if numbered:
-        found.sort(key=lambda file: (file.epoch or 0, file.part, file.date))
-    else:
-        found.sort(key=lambda file: (file.date, file.part))
-    starts: list[list[Path]] = []
-    before: _EarlierFile | None = None
-    for file in found:
-        same = before is not None and before.epoch == file.epoch and before.part <= file.part
-        if same and (file.part > 1 or RESULTS in file.path.name):
-            starts[-1].append(file.path)
-        else:
-            starts.append([file.path])
-        before = file
-    return starts
-
-
-def _metadata(file: Path) -> Metadata:
-    """What is known of a recording before it is read; nothing of one that is damaged there."""
-    try:
-        return leading_metadata(file)
-    except RecordingError:
-        return {}
-
-
-def _is_live(file: Path) -> bool:
-    source = _metadata(file).get("pilewatch", {}).get("source", "")
-    return bool(source) and not source.startswith(_FROM_FILES)
-
-
-def _goes_on(file: Path) -> bool:
-    """Whether its session went on from what the one before it in the folder had left."""
-    return _is_live(file) and FRESH not in _metadata(file).get("run", {})

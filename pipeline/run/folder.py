@@ -5,8 +5,7 @@ import logging
 from datetime import UTC, datetime
 from pathlib import Path
 
-from pipeline.recording.file_order import SESSION_FILE
-from pipeline.recording.rotation import close_leftovers
+from pipeline.recording.rotation import SESSION_FILE, close_leftovers
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS
 from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS

@@ -19,9 +19,8 @@ from pipeline.monitoring.status import STATUS_KEY, StatusNode
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.nodes.node import Node, Plan
 from pipeline.nodes.sharding import ShardedNode, parsed_shard
-from pipeline.recording.file_order import FRESH
 from pipeline.recording.latest_messages import files_of
-from pipeline.recording.rotation import raw_files
+from pipeline.recording.rotation import FRESH, raw_files
 from pipeline.run.endpoints import ZenohEndpoints, meeting_point, open_hub
 from pipeline.run.folder import (
     PICTURES,

@@ -13,9 +13,9 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
-from pipeline.recording.file_order import SESSION_FILE, latest_start, session_in
 from pipeline.recording.mcap_file import RecordedMessage
 from pipeline.recording.reader import decoded, recorded_messages
+from pipeline.recording.rotation import SESSION_FILE, latest_start, session_in
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.sources.recorded_stream import SourceError, recordings_in
 
