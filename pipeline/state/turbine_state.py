@@ -218,14 +218,16 @@ class TurbineState:
         posterior."""
         if self.posterior is None:
             return next(reversed(self.truths.values()), None)
-        return self.truth_at(self.posterior.time_ns)
+        return self.truth_until(self.posterior.time_ns)
 
-    def truth_at(self, time_ns: int) -> FoundationTruth | None:
-        """Return the true stiffnesses that held then; the first where none is so early.
+    def truth_until(self, time_ns: int) -> FoundationTruth | None:
+        """Return the true stiffnesses that held in a window that ends then [ns since 1970-01-01
+        UTC]; the first where none is so early, None without any.
 
-        A source is ahead of its windows' answers: what has come last may not hold yet.
+        A source is ahead of its windows' answers: what has come last may not hold yet. What begins
+        where the window ends does not hold in it.
         """
-        earlier = [since for since in self.truths if since <= time_ns]
+        earlier = [since for since in self.truths if since < time_ns]
         return self.truths.get(max(earlier) if earlier else min(self.truths, default=0))
 
     @property

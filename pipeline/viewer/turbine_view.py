@@ -221,7 +221,7 @@ class TurbineView:
         """Draw bands, joint posterior, tracks and shapes of the paired modes."""
         self._at(posterior.time_ns)
         recording, root = self._recording, self._root
-        truth = self._status.state.truth_at(posterior.time_ns)
+        truth = self._status.state.truth_until(posterior.time_ns)
         foundation_views.log_posterior_bands(recording, root, posterior, truth)
         if self._in_farm:
             foundation_views.log_medians(recording, posterior)

@@ -97,7 +97,7 @@ def test_the_truth_is_that_of_the_posteriors_window_though_a_later_one_has_come(
         state.fold(FoundationTruth("t1", time_ns, 1.0, 1.0, 0.1 * time_ns))
     assert state.truth is not None
     assert state.truth.time_ns == 300
-    for end_ns, since in ((50, 100), (299, 100), (300, 300), (400, 300)):
+    for end_ns, since in ((50, 100), (299, 100), (300, 100), (301, 300), (400, 300)):
         state.fold(replace(given, time_ns=end_ns))
         assert state.truth is not None
         assert state.truth.time_ns == since
