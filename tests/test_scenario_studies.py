@@ -23,6 +23,7 @@ def test_what_is_identified_in_ten_minutes_of_the_papers_example_are_modes_of_th
     assert found.others > 15
 
 
+@pytest.mark.nightly
 def test_a_session_with_faults_names_each_and_holds_the_truth() -> None:
     """A sound window, a dead channel, and a gap and blocks that come twice. Seed 7."""
     faults = (

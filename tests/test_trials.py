@@ -49,6 +49,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory.mktemp("source"), duration=66.0)
 
 
+@pytest.mark.nightly
 def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path, recording: Path) -> None:
     outcome = disk_trial(tmp_path, recording, kilobytes=30)
     assert outcome.exit_code == 0
@@ -58,6 +59,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path, recordi
     assert outcome.same_posterior
 
 
+@pytest.mark.nightly
 def test_a_flood_of_nonsense_ends_no_node_and_is_counted(tmp_path: Path) -> None:
     outcome = fuzz_trial(tmp_path, examples=40, rate=400.0, seed=3, rounds=1)
     assert outcome.alive
@@ -96,6 +98,7 @@ def test_a_session_whose_nodes_are_killed_ends_with_the_same_posterior_and_nothi
     assert outcome.exit_code == 0
 
 
+@pytest.mark.nightly
 def test_a_farm_in_real_time_is_recorded_whole(tmp_path: Path) -> None:
     outcome = farm_trial(tmp_path, Load(turbines=200, channels=8, rate=40.0, seconds=3))
     assert outcome.recorded == outcome.published == 600

@@ -15,7 +15,7 @@ import os
 import random
 import sys
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -68,6 +68,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 _TIMES = pytest.StashKey[dict[str, float]]()
+
+
+def and_at_night(day: Sequence[int], night: Sequence[int]) -> list[Any]:
+    """Return seeds for `pytest.mark.parametrize`: a study's short form by day, others at night.
+
+    What holds for each half is asked of it, so that a night asks no less than one study of both.
+    """
+    return [pytest.param(day, id="day"), pytest.param(night, id="night", marks=pytest.mark.nightly)]
 
 
 def _is_night(config: pytest.Config) -> bool:

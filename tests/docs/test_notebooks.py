@@ -10,13 +10,21 @@ pytest.importorskip("pilewatch", reason="the project is not installed")
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+LONG = ("posterior",)  # two thirds of the time of all
 
 
 def test_there_are_five() -> None:
     assert len(NOTEBOOKS) >= 5
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=[pytest.mark.nightly] if path.stem in LONG else [])
+        for path in NOTEBOOKS
+    ],
+    ids=lambda path: path.stem,
+)
 def test_a_notebook_runs(runner: ModuleType, path: Path) -> None:
     text, figures = runner.executed(path)
     assert text.startswith("# ")

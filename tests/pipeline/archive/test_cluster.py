@@ -53,6 +53,7 @@ def test_a_worker_that_is_killed_costs_only_its_task(two_workers: Workers, tmp_p
     assert found == {f"square-{n}": n * n for n in range(8)}
 
 
+@pytest.mark.nightly
 def test_a_task_that_kills_every_worker_fails_alone(two_workers: Workers) -> None:
     """Those that wait behind it at the same worker are blamed by Dask, and done all the same."""
     calls = [Call("fatal", killed_always, 0), Call("wrong", refused, 7), Call("good", squared, 3)]

@@ -190,6 +190,7 @@ def test_a_unit_that_starts_in_2036_does_not_take_the_others_along(blocks) -> No
     assert good[-1].channels == ("z20", "z60")
 
 
+@pytest.mark.nightly
 def test_a_converter_that_is_off_by_what_stamps_show_costs_the_tower_little_and_replays() -> None:
     """A pair of `tests.benchmarks drift`: one response, two converters; live and recorded."""
     (plain,) = drift.estimates_of(drift.measured(8104, 0.0))

@@ -149,6 +149,7 @@ def _not_reached(*_: object, **__: object) -> None:
     raise AssertionError("it is fitted")
 
 
+@pytest.mark.nightly
 def test_figures_far_from_the_description_are_no_calibration(estimates, tmp_path: Path) -> None:
     text = shipped_text("iea15mw_monopile")
     heavier = tmp_path / "tower.toml"

@@ -87,7 +87,9 @@ def own_layout(path: Path) -> None:
     record_measurement(measurement, path, scenario=load_scenario("quick.toml"))
 
 
-@pytest.mark.parametrize("record", [shipped, own_structure, own_layout])
+@pytest.mark.parametrize(
+    "record", [pytest.param(shipped, marks=pytest.mark.nightly), own_structure, own_layout]
+)
 def test_a_recording_gives_its_posterior_in_an_empty_folder(
     record: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,10 +5,12 @@ import pytest
 
 from pipeline.oma.identification import identify
 from tests.benchmarks.structures import draw, figures, judge
+from tests.tiers import and_at_night
 
 
-def test_most_modes_of_random_structures_are_found_and_hardly_one_is_invented() -> None:
-    structures = [draw(seed) for seed in range(76_001, 76_009)]
+@pytest.mark.parametrize("seeds", and_at_night(range(76_001, 76_005), range(76_005, 76_009)))
+def test_most_modes_of_random_structures_are_found_and_hardly_one_is_invented(seeds: range) -> None:
+    structures = [draw(seed) for seed in seeds]
     judged = [judge(each, identify(each.samples, each.sampling_rate).modes) for each in structures]
     found = figures(structures, judged)
     assert found["missed"] <= 0.15
@@ -16,6 +18,7 @@ def test_most_modes_of_random_structures_are_found_and_hardly_one_is_invented() 
     assert found["median_over_bound"] <= 1.35
 
 
+@pytest.mark.nightly
 def test_a_mode_in_noise_is_no_mixture_though_its_shape_is_vague() -> None:
     """Its poles know f and ζ to a tenth of the half bandwidth, a channel of the six to .28."""
     structure = draw(74_025)
@@ -34,6 +37,7 @@ def test_a_mode_that_stands_out_of_the_lines_is_found_though_no_pole_shows_it() 
     assert abs(found.frequency - true) < 2 * found.frequency_std
 
 
+@pytest.mark.nightly
 def test_a_wide_mode_that_no_channel_shows_above_the_flanks_of_others_is_found() -> None:
     structure = draw(160_022)
     modes = identify(structure.samples, structure.sampling_rate).modes

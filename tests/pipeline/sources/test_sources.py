@@ -72,6 +72,7 @@ def test_a_recording_of_an_own_turbine_brings_its_description(own_recording: Pat
     assert set(stored) == {"own-tower.toml", "other-mesh.toml"}
 
 
+@pytest.mark.nightly
 def test_a_recording_of_an_own_turbine_runs_in_an_empty_folder(own_recording: Path) -> None:
     out = Path("out")
     run_session(replayed(own_recording), SessionOptions(out=out, way="lock-step", rrd=False))

@@ -59,6 +59,7 @@ def test_under_a_linear_sea_the_response_is_within_the_statistical_band_of_theor
     assert np.abs(deviates(tower, [0.05, 0.12, 0.2, 0.4, 0.58])).max() < 4.0
 
 
+@pytest.mark.nightly
 def test_under_a_gentle_wind_the_response_is_within_the_statistical_band_of_theory() -> None:
     """2 % of turbulence leave the drag's square 1 % of curvature. Seed 6, chosen before looking."""
     tower = simulated(wind=GENTLE_GUSTS, duration=3000.0, transient=600.0, seed=6)

@@ -8,6 +8,7 @@ from pipeline.oma.data_quality.rotor_harmonics import without_harmonics
 from pipeline.oma.identification import identify
 from tests.benchmarks.close_modes import bending_pair
 from tests.benchmarks.harmonics import figures, turning
+from tests.tiers import and_at_night
 
 
 @pytest.mark.parametrize("ratio", [2, 3])
@@ -54,8 +55,9 @@ def test_the_phase_is_the_machines_where_most_of_the_motion_is(noise: float, pur
     assert found.is_pure == pure
 
 
-def test_harmonics_of_an_unknown_speed_hide_no_modes_beside_them_and_are_none() -> None:
-    found = figures(range(70_001, 70_005), known=False)
+@pytest.mark.parametrize("seeds", and_at_night(range(70_001, 70_003), range(70_003, 70_005)))
+def test_harmonics_of_an_unknown_speed_hide_no_modes_beside_them_and_are_none(seeds: range) -> None:
+    found = figures(seeds, known=False)
     assert found["found"] >= 0.7
     assert found["windows_with_harmonic"] == 0
 

@@ -5,6 +5,7 @@ import pytest
 
 from pipeline.oma.data_quality.rotor_harmonics import follows_rotor, turns, without_harmonics
 from tests.benchmarks.harmonics import figures
+from tests.tiers import and_at_night
 
 RATE = 20.0
 
@@ -45,8 +46,9 @@ def test_a_standing_rotor_and_an_unknown_speed_have_no_harmonics() -> None:
     assert not turns(np.array([6.0, np.nan, 6.0]))
 
 
-def test_first_modes_beside_blade_passing_are_found_where_the_speed_is_known() -> None:
-    found = figures(range(72_001, 72_007), known=True)
+@pytest.mark.parametrize("seeds", and_at_night(range(72_001, 72_004), range(72_004, 72_007)))
+def test_first_modes_beside_blade_passing_are_found_where_the_speed_is_known(seeds: range) -> None:
+    found = figures(seeds, known=True)
     assert found["found"] >= 0.7
     assert found["windows_with_harmonic"] == 0
 

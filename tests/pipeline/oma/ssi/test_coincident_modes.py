@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from pipeline.messages import Mode
 from pipeline.oma.identification import Identification, identify
+from tests.tiers import and_at_night
 
 RATE, FREQUENCIES, DAMPING = 20.0, (1.0, 4.1), 0.007  # [Hz], [Hz], [-]
 SHAPES = np.array([[0.3, 1.0], [1.0, -0.8]])  # of two modes at two levels
@@ -41,16 +42,17 @@ def test_modes_alike_in_two_directions_are_pairs_of_which_the_mean_is_known() ->
     assert "twin-modes" not in [each.code for each in single.warnings]
 
 
-def test_twins_lie_as_far_from_the_truth_as_they_say() -> None:
-    """Twelve records; of seeds 100 to 139 the rms was .66 and .71 of the stated std."""
+@pytest.mark.parametrize("seeds", and_at_night(range(300, 306), range(306, 312)))
+def test_twins_lie_as_far_from_the_truth_as_they_say(seeds: range) -> None:
+    """Six records; of seeds 100 to 139 the rms was .66 and .71 of the stated std."""
     apart = []
-    for seed in range(300, 312):
+    for seed in seeds:
         rng = np.random.default_rng(seed)
         mast = np.hstack([one_direction(rng, 12_000), one_direction(rng, 12_000)])
         for one, _ in pairwise_of(identify(mast, RATE)):
             truth = min(FREQUENCIES, key=lambda f: abs(f - one.frequency))
             apart.append((one.frequency - truth) / one.frequency_std)
-    assert len(apart) >= 20
+    assert len(apart) >= 10
     assert np.sqrt(np.mean(np.square(apart))) < 1.3
     assert np.abs(apart).max() < 4
 

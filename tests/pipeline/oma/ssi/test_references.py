@@ -166,6 +166,7 @@ def test_channels_that_are_few_or_named_stay_as_they_are() -> None:
     assert with_bounded_references(samples[:, :32], names[:32], few) is few
 
 
+@pytest.mark.nightly
 def test_a_hundred_channels_show_the_modes_that_they_have() -> None:
     known, samples = many_channels(100)
     modes = identify(samples, 20.0).modes

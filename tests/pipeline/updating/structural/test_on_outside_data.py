@@ -92,10 +92,18 @@ def another_structure(inference: JointInference) -> JointRefresh:
 
 
 def test_springs_of_a_drawn_structure_lie_within_their_interval(
-    dry_bending: JointInference, one_structure: JointRefresh, another_structure: JointRefresh
+    one_structure: JointRefresh, another_structure: JointRefresh
 ) -> None:
-    found = {0: another_structure, 7: one_structure}
-    found |= {seed: refreshed(dry_bending, truth_of(seed), seed) for seed in (1, 2)}
+    check_intervals({0: another_structure, 7: one_structure})
+
+
+@pytest.mark.nightly
+def test_springs_of_other_drawn_structures_do_so_too(dry_bending: JointInference) -> None:
+    check_intervals({seed: refreshed(dry_bending, truth_of(seed), seed) for seed in (1, 2)})
+
+
+def check_intervals(found: dict[int, JointRefresh]) -> None:
+    """By the seeds of their structures."""
     z = []
     for seed, each in found.items():
         draws = np.log(each.draws[:, :3] * NOMINAL)
@@ -129,7 +137,13 @@ def test_springs_of_the_other_sign_are_named(
     assert found.other_sign > 0.99
 
 
-@pytest.mark.parametrize("sheared", [False, True], ids=["only bend", "shear"])
+@pytest.mark.parametrize(
+    "sheared",
+    [
+        pytest.param(False, id="only bend", marks=pytest.mark.nightly),
+        pytest.param(True, id="shear"),
+    ],
+)
 def test_whether_tubes_shear_is_recognised(sheared: bool) -> None:
     """They are described as what they are not."""
     dry = replace(SETTINGS, structure=replace(UNCERTAIN, stds=(("flooding", 0.0),)))
@@ -176,6 +190,7 @@ def test_a_turned_sensor_is_named(dry_bending: JointInference) -> None:
     assert "sensor at 80 m is turned by 1" in found.fault.text
 
 
+@pytest.mark.nightly
 def test_a_sensor_three_metres_off_is_named_where_no_descent_from_the_peak_leads_to_it(
     inference: JointInference,
 ) -> None:
@@ -189,6 +204,7 @@ def test_a_sensor_three_metres_off_is_named_where_no_descent_from_the_peak_leads
     assert all(found.held)
 
 
+@pytest.mark.nightly
 def test_a_sensor_that_no_fault_of_its_explains_is_left_out(dry_bending: JointInference) -> None:
     """Turned by 40° and four metres off: neither alone explains it. The springs come from the
     others, with all refreshes that follow; a sensor that reads as it should again is used."""
@@ -404,6 +420,7 @@ def test_errors_of_the_structure_cancel_in_springs_relative_to_a_reference(
     assert abs(found.mean[1] - np.log(0.9)) < 3 * stds[1]
 
 
+@pytest.mark.nightly
 def test_the_errors_of_a_description_that_does_not_hold_cancel_too(
     dry_bending: JointInference,
 ) -> None:
@@ -484,6 +501,7 @@ def test_swapped_sensors_are_named_whatever_structure_fitted_their_shapes_best(
     assert all(found.held)
 
 
+@pytest.mark.nightly
 def test_the_change_is_told_with_the_reference_read_as_the_latest_windows_are(
     dry_bending: JointInference,
 ) -> None:
