@@ -171,6 +171,7 @@ uncertain = "exact"
 """
 
 
+@pytest.mark.nightly
 def test_two_units_give_the_same_posterior_in_lock_step_over_zenoh_and_replayed(
     tmp_path: Path, identified_answers: Path
 ) -> None:

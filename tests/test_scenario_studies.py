@@ -13,6 +13,7 @@ from tests.benchmarks._sessions import NAMES, SPRINGS, outcome, session
 BAD_SENSORS = load_scenario("bad-sensors")
 
 
+@pytest.mark.nightly
 def test_what_is_identified_in_ten_minutes_of_the_papers_example_are_modes_of_the_structure() -> (
     None
 ):

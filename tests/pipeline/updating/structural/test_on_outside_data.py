@@ -265,6 +265,7 @@ def test_sensors_that_are_all_turned_alike_are_named_and_read_so(
     assert again.fault.text == found.fault.text
 
 
+@pytest.mark.nightly
 def test_a_posterior_by_frequencies_alone_is_not_trusted_where_shapes_are_others() -> None:
     """Headings that are stated to be exact, and are 30° off: nothing may explain the shapes."""
     stated = (("sensor_heading", 0.0), ("flooding", 0.0), ("tube_shear", 0.0))
