@@ -30,6 +30,7 @@ def test_intervals_of_a_stream_hold_the_truth_at_the_stated_rate(case, n_windows
     assert 0.4 < found.scaled_error.min() < found.scaled_error.max() < 1.5
 
 
+@pytest.mark.nightly
 def test_the_truth_ranks_anywhere_among_the_draws_of_its_posterior():
     found = truth_ranks(posteriors_of("gaussian", highest_sigma=0.01), 50, first_seed=402)
     assert found.uniformity.min() > 0.01

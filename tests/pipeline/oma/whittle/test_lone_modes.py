@@ -130,6 +130,7 @@ def frame_with_dampers(seed: int) -> tuple[FloatArray, FloatArray]:
     return samples + noise, -poles.real / np.abs(poles)
 
 
+@pytest.mark.nightly
 def test_lines_do_not_widen_modes_whose_channels_have_phases_of_their_own() -> None:
     errors = []
     for seed in range(615370, 615373):

@@ -362,6 +362,7 @@ def test_the_updater_publishes_the_joint_posterior_and_goes_on_after_a_restart(
     np.testing.assert_array_equal(again.draws, second.draws)
 
 
+@pytest.mark.nightly
 def test_each_window_has_a_level_of_its_own_where_nothing_reports_it(
     dry_bending: JointInference,
 ) -> None:
