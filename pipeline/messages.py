@@ -588,6 +588,9 @@ class RecordedUntil:
         return any(each.has(sequence, start_ns) for each in self.ranges)
 
 
+FEED_MESSAGE = "FeedMessage"  # what a feed counts as received: its instrument's messages
+
+
 @dataclass(frozen=True, slots=True)
 class MessageCount:
     """How many messages of one type a node took or gave."""

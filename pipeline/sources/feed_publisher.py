@@ -14,7 +14,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pipeline.messages import Message, MessageCount, NodeStatus, QualityWarning, message_counts
+from pipeline.messages import (
+    FEED_MESSAGE,
+    Message,
+    MessageCount,
+    NodeStatus,
+    QualityWarning,
+    message_counts,
+)
 from pipeline.runtime.node_thread import STATUS_PERIOD, open_session
 from pipeline.runtime.source_feed import BlockReport, with_end
 from pipeline.runtime.watchdog import Watchdog
@@ -276,7 +283,7 @@ class FeedAccount:
             time_ns=self._clock(),
             state=state,
             last_sequence=self._last_sequence,
-            received=(MessageCount("FeedMessage", counts.received),),
+            received=(MessageCount(FEED_MESSAGE, counts.received),),
             published=message_counts(self.published),
             lost=counts.lost,
             late=counts.late,

@@ -4,6 +4,7 @@
     windows      identified | rejected (reason)                  of each turbine
     estimates    in the posterior | refused (reason) | pending
     answers      of a window that has another one by now: superseded
+    instruments  messages read, and those lost, late or malformed, of each feed
 
 What does not balance is a violation, with where it is. The books are kept from messages alone: live
 by the status and the summary, offline by `pilewatch audit` from the files.
@@ -22,6 +23,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
+from pipeline.state.instrument_book import InstrumentBook, InstrumentMessages
 from pipeline.state.phrases import block_numbers, codes_in_words, count_noun
 from pipeline.state.turbine_book import TurbineBook, bounded_table
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -33,6 +35,7 @@ from sensors.json_values import Json
 UNBALANCED = 2  # windows that were answered while books do not balance, after which it is an alarm
 WITHOUT_POSTERIOR = 6  # windows that were answered without a posterior, after which it is an alarm
 UPDATING = "updating"  # name of the node
+MISSED = ("lost", "late", "malformed")  # messages of instruments of which nothing is in a block
 REPORTED_WITHIN = 5  # blocks after which missing ones are reported: they may be late
 UnitBoot = tuple[str, str, str, int]  # turbine, unit, session, boot
 
@@ -201,6 +204,7 @@ class Books:
         self._boots: BoundedDict[tuple[str, str, str], BootCounter] = bounded_table()
         self._turbines: BoundedDict[str, TurbineBook] = bounded_table()
         self._nodes: BoundedDict[tuple[str, str], NodeStatus] = bounded_table()
+        self._instruments: BoundedDict[tuple[str, str], InstrumentBook] = bounded_table()
 
     def handle(self, message: Message, *, outside: bool = False) -> bool:
         """Enter one message; False: a block that has come before.
@@ -231,10 +235,17 @@ class Books:
                 if message.is_of(UPDATING):
                     self._note_updating()
                 self._nodes[message.turbine, message.node] = message
+                self._note_instrument(message)
         return True
 
     def _note_updating(self) -> None:
         self._is_updating = self._updates is not False
+
+    def _note_instrument(self, status: NodeStatus) -> None:
+        counts = InstrumentMessages.of(status)
+        if counts is not None:
+            book = self._instruments.setdefault((status.turbine, status.node), InstrumentBook())
+            book.enter(counts)
 
     def _block(self, block: AccelerationBlock, *, outside: bool) -> bool:
         session = _session(block)
@@ -332,8 +343,8 @@ class Books:
         """
         others = [
             status
-            for status in self._nodes.values()
-            if status.turbine == turbine and not status.is_of(UPDATING)
+            for (of, node), status in self._nodes.items()
+            if of == turbine and not status.is_of(UPDATING) and (of, node) not in self._instruments
         ]
         refused = sum(_refused_by(status).total() for status in others)
         seen_late = sum(len(book.late) for key, book in self._blocks.items() if key[0] == turbine)
@@ -379,6 +390,11 @@ class Books:
                 for (turbine, node), status in self._nodes.items()
                 if status.refused and only in (None, turbine)
             },
+            "instruments": [
+                {"turbine": turbine, "node": node} | book.as_json()
+                for (turbine, node), book in self._instruments.items()
+                if only in (None, turbine)
+            ],
             "turbines": [
                 {"turbine": turbine} | book.as_json()
                 for turbine, book in self._turbines.items()
@@ -405,13 +421,21 @@ class Books:
         return (
             f"{count_noun(recorded, 'block')} of "
             f"{count_noun(len(blocks), 'boot')} recorded{pauses}, "
-            f"{sum(each.lost for each in blocks)} lost{unused}; "
+            f"{sum(each.lost for each in blocks)} lost{unused}{self._instruments_line}; "
             f"{count_noun(sum(each.identified for each in books), 'window')} identified, "
             f"{sum(each.rejected.total() for each in books)} rejected; "
             f"{count_noun(sum(each.in_posterior for each in books), 'estimate')} in the posterior, "
             f"{sum(each.refused.total() for each in books)} refused, "
             f"{sum(len(each.pending) for each in books)} pending"
         )
+
+    @property
+    def _instruments_line(self) -> str:
+        """What is missing of the instruments' messages; nothing where nothing is."""
+        totals = [book.total for book in self._instruments.values()]
+        missing = Counter({name: sum(getattr(each, name) for each in totals) for name in MISSED})
+        told = codes_in_words(+missing)
+        return f"; of the instruments' messages {told}" if missing.total() else ""
 
 
 def _refused_by(status: NodeStatus) -> Counter[str]:

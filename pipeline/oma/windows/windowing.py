@@ -11,7 +11,7 @@ more samples or fewer, which are read at the instants at which a true one takes 
 """
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -32,6 +32,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStat
 from sensors.arrays import FloatArray
 
 MOST_SINGLE_REJECTIONS = 100  # of windows in one gap; of more, one rejection stands for many
+GIVEN_UP_KEPT = 1000  # of a session's gaps, the latest: what they lack is late when it comes
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,7 @@ class BlockOrder:
         Where the session begins.
     unused : collections.Counter, optional
         Counts the blocks that came after they had been given up, "late", and those that came twice,
-        "duplicate".
+        "duplicate", as after a restart, when they are sent again.
 
     Notes
     -----
@@ -92,6 +93,7 @@ class BlockOrder:
         self._waiting: dict[int, AccelerationBlock] = {}  # by first_sample
         self._last: AccelerationBlock | None = None
         self._next_sample = beginning.first_sample
+        self._given_up: deque[MissingSamples] = deque(maxlen=GIVEN_UP_KEPT)
         self.unused: Counter[str] = Counter() if unused is None else unused
 
     def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock | MissingSamples]:
@@ -110,9 +112,11 @@ class BlockOrder:
         yield from self._released(give_up=True)
 
     def _count_unusable(self, block: AccelerationBlock) -> None:
-        seen = block.first_sample < self._beginning.first_sample  # before a restart
-        again = seen or (self._last is not None and block.sequence == self._last.sequence)
-        self.unused["duplicate" if again else "late"] += 1
+        late = any(
+            gap.first_sample <= block.first_sample < gap.first_sample + gap.n_samples
+            for gap in self._given_up
+        )
+        self.unused["late" if late else "duplicate"] += 1
 
     def _released(self, *, give_up: bool) -> Iterator[AccelerationBlock | MissingSamples]:
         while self._waiting:
@@ -122,7 +126,9 @@ class BlockOrder:
                 waited = (newest - self._next_sample) / following.sampling_rate
                 if waited <= self._lateness and not give_up:
                     return
-                yield self._missing_before(following)
+                gap = self._missing_before(following)
+                self._given_up.append(gap)
+                yield gap
             self._last = self._waiting.pop(following.first_sample)
             self._next_sample = self._last.next_sample
             yield self._last

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.messages import MessageCount, ModalEstimate, StreamEnd, StreamGap, UnitOrigin
+from pipeline.messages import (
+    MessageCount,
+    ModalEstimate,
+    NodeStatus,
+    StreamEnd,
+    StreamGap,
+    UnitOrigin,
+)
 from pipeline.state import turbine_book
 from pipeline.state.books import Books
 from sensors.acquisition.blocks import NANOSECONDS
@@ -245,6 +252,34 @@ def test_books_of_a_flood_of_names_make_room_by_those_that_were_not_heard_for_lo
 def test_refusals_of_nodes_are_told_by_reason() -> None:
     refusing = replace(status("identification"), refused=(MessageCount("other-session", 4),))
     assert books_of(refusing).as_json()["refused"] == {"identification": {"other-session": 4}}
+
+
+def fed(received: int, **counts: int) -> NodeStatus:
+    """What the feed of a unit says of its instrument's messages."""
+    taken = (MessageCount("FeedMessage", received),)
+    return replace(status("source-tower"), received=taken, **counts)
+
+
+def test_what_a_feed_dropped_of_its_instruments_messages_is_told_over_all_its_starts() -> None:
+    books = books_of(fed(10, late=2), fed(50, late=3, lost=1), fed(8), fed(20, malformed=1))
+    (of_feed,) = books.as_json()["instruments"]
+    assert of_feed == {
+        "turbine": "t1",
+        "node": "source-tower",
+        "received": 70,
+        "lost": 1,
+        "late": 3,
+        "malformed": 1,
+        "duplicate": 0,
+    }
+    assert "of the instruments' messages 3 × late, 1 × lost, 1 × malformed;" in books.line
+    assert "instruments" not in books_of(fed(10, duplicate=4)).line
+
+
+def test_late_messages_of_an_instrument_are_no_late_blocks() -> None:
+    """They explain no block that is recorded and was reported missing."""
+    books = books_of(*map(block, range(30)), gap(6, 3), fed(10, late=3))
+    assert books.violations()
 
 
 @pytest.mark.parametrize("published", [28, 33])

@@ -43,6 +43,19 @@ def test_a_gap_has_as_many_blocks_as_are_missing() -> None:
     assert (gap.first_sequence, gap.n_blocks, gap.n_samples) == (1, 3, 120)
 
 
+def test_what_comes_again_is_no_late_block_however_far_back_it_lies() -> None:
+    """As after a restart, when minutes of blocks are sent again."""
+    order = BlockOrder(lateness=5.0)
+    for number in (*range(4), *range(6, 20)):
+        list(order.push(block(number)))
+    for number in (0, 1, 2, 7, 8, 19):
+        assert not list(order.push(block(number)))
+    assert order.unused == {"duplicate": 6}
+    for number in (4, 5):
+        assert not list(order.push(block(number)))
+    assert order.unused == {"duplicate": 6, "late": 2}
+
+
 TONES = (0.31, 2.7, 11.0)  # [Hz]
 SAMPLES = round(60 * SAMPLING_RATE)  # of a window
 
