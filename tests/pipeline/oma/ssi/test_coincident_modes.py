@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from pipeline.messages import Mode
 from pipeline.oma.identification import Identification, identify
+from pipeline.oma.ssi.coincident_modes import _in_a_plane
 from tests.tiers import and_at_night
 
 RATE, FREQUENCIES, DAMPING = 20.0, (1.0, 4.1), 0.007  # [Hz], [Hz], [-]
@@ -64,6 +65,14 @@ def pairwise_of(found: Identification) -> list[tuple[Mode, Mode]]:
         if mode.pair_id:
             pairs.setdefault(mode.pair_id, []).append(mode)
     return [(one, other) for one, other in pairs.values()]
+
+
+def test_two_complex_shapes_are_twins_where_they_mix_two_real_ones() -> None:
+    rng = np.random.default_rng(13)
+    for _ in range(20):
+        real, mixture, other = (rng.normal(size=(n, 2)) for n in (6, 4, 6))
+        assert _in_a_plane(real @ (mixture[:2] + 1j * mixture[2:]))
+        assert not _in_a_plane(real + 1j * other)
 
 
 def test_noise_has_no_twins() -> None:
