@@ -11,7 +11,9 @@ it loses; the frames' numbers do.
 import asyncio
 import logging
 import socket
+from dataclasses import replace
 
+from sensors.bounded_dict import BoundedDict
 from sensors.constants import LOOPBACK
 from sensors.feeds.address import FeedAddress
 from sensors.feeds.payloads.frame_reader import FrameReader
@@ -72,6 +74,7 @@ class UdpFeed:
 class _Receiver(asyncio.DatagramProtocol):
     def __init__(self, reader: FrameReader, inbox: ArrivalQueue) -> None:
         self._reader, self._inbox = reader, inbox
+        self._dropped: BoundedDict[str, bool] = BoundedDict()  # streams whose last frame was
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         piece = self._reader.read(data, "")
@@ -79,7 +82,10 @@ class _Receiver(asyncio.DatagramProtocol):
             return
         if self._inbox.full():  # what was not read is lost, and the numbers do not show it
             self._reader.drop()
+            self._dropped.put(piece.stream, True)
             return
+        if self._dropped.pop(piece.stream, False):
+            piece = replace(piece, follows=None)  # it lies behind a gap
         self._inbox.put_nowait(piece)
 
     def error_received(self, exc: Exception) -> None:

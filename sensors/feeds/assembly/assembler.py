@@ -112,9 +112,15 @@ class Assembler:
         if not listed.samples.size:
             refusal = f"{piece.stream}: a message without samples"
         if refusal:
-            self._counts.refuse(refusal)
+            self._refuse(piece, refusal)
             return None
         return listed
+
+    def _refuse(self, piece: ChannelSamples, reason: str) -> None:
+        """Count a piece that is dropped; what follows it by its number lies behind a gap."""
+        self._counts.refuse(reason)
+        if self._placing is not None:
+            self._placing.interrupt(piece.stream)
 
     def _stated_rate(self, piece: ChannelSamples) -> float | None:
         rate = piece.sampling_rate
@@ -157,15 +163,17 @@ class Assembler:
         """Whether a piece has the unit's rate and a length that can be waited for."""
         stated = piece.sampling_rate or rate
         if not are_equal(stated, rate):
-            self._counts.refuse(
+            self._refuse(
+                piece,
                 f"{piece.stream} is sampled at {stated:g} Hz, the unit at {rate:g} Hz; what is "
-                "sampled otherwise is a unit of its own"
+                "sampled otherwise is a unit of its own",
             )
             return False
         longest = max(SHORTEST_LIMIT, LONGEST_PIECE * rate)
         if len(piece.samples) > longest:
-            self._counts.refuse(
-                f"{piece.stream}: a message of {len(piece.samples)} samples; at most {longest:g}"
+            self._refuse(
+                piece,
+                f"{piece.stream}: a message of {len(piece.samples)} samples; at most {longest:g}",
             )
             return False
         return True

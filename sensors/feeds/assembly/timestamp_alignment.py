@@ -116,6 +116,15 @@ class _Stream:
     next: int | None = None  # index behind its last sample; None before the first of a session
     last_ns: int = 0  # its last stamp [ns]
     held: list[ChannelSamples] = field(default_factory=list)  # whose stamps leap
+    interrupted: bool = False  # what came after its last sample was dropped
+
+    def continues(self, piece: ChannelSamples) -> bool:
+        """Whether a piece lies directly behind the last sample that has a place, by its number.
+
+        A number follows that of the last message that came, which may wait or have been dropped.
+        """
+        placed = self.next is not None and not self.held and not self.interrupted
+        return placed and bool(piece.follows)
 
 
 class TimestampAligner:
@@ -171,6 +180,7 @@ class TimestampAligner:
         refusal = self._owners.refusal(piece)
         if refusal:
             self._counts.refuse(refusal)
+            self.interrupt(piece.stream)
             return
         stream = self._stream(piece.stream)
         if self._fits(piece, stream):
@@ -192,6 +202,12 @@ class TimestampAligner:
                 self._drop_held(forgotten)
         return stream
 
+    def interrupt(self, name: str) -> None:
+        """A message of a stream was dropped: the next one's number says no place."""
+        stream = self._streams.get(name)
+        if stream is not None:
+            stream.interrupted = True
+
     def finish(self) -> Iterator[AccelerationBlock]:
         """Nothing more will come: give what is left."""
         for stream in self._streams.values():
@@ -208,8 +224,10 @@ class TimestampAligner:
 
     def _fits(self, piece: ChannelSamples, stream: _Stream) -> bool:
         """Whether a piece can belong where its stamp puts it."""
+        if piece.follows and stream.held and self._agree(stream.held[-1], piece):
+            return False  # it goes on where that one leapt to
         position = self._clock.position(piece.start_ns)
-        if piece.follows and stream.next is not None:
+        if stream.next is not None and stream.continues(piece):
             return abs(position - stream.next) <= CLOCK_STEP * self._rate
         rows = self._rows
         return position <= rows.newest + rows.wait and position + len(piece.samples) > rows.base
@@ -227,10 +245,11 @@ class TimestampAligner:
         end = index + len(samples)
         self._rows.wait = max(self._rows.wait, 2 * len(samples))
         yield from self._rows.wait_until(end, self._clock)
+        stream.next = end if stream.next is None else max(end, stream.next)
+        stream.interrupted = False
         if not self._rows.put(index, columns, samples, piece.status):
             self._counts.duplicate += 1
             return
-        stream.next = end if stream.next is None else max(end, stream.next)
         stream.last_ns = piece.start_ns
         self._clock.follow(index, piece.start_ns, len(samples))
         yield from self._rows.complete(self._clock)
@@ -242,9 +261,8 @@ class TimestampAligner:
         if stream.next is None or piece.start_ns == stream.last_ns:
             return round(position)
         near = JITTER if stream.next > FEW_SAMPLES else 2 * JITTER - 0.05
-        return (
-            stream.next if piece.follows or abs(position - stream.next) <= near else round(position)
-        )
+        behind = stream.continues(piece) or abs(position - stream.next) <= near
+        return stream.next if behind else round(position)
 
     def _believe(self, stream: _Stream) -> Iterator[AccelerationBlock]:
         """What the stamps of a stream have leapt to is so."""
@@ -268,4 +286,5 @@ class TimestampAligner:
                 self._counts.late += 1
             else:
                 self._counts.refuse(f"{piece.stream}: a stamp far ahead of those around it")
+            stream.interrupted = True
         stream.held = []

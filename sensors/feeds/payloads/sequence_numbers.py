@@ -6,7 +6,8 @@ from sensors.bounded_dict import BoundedDict
 from sensors.feeds.protocol import FeedCounts
 
 WATCHED = 4096  # newest numbers of which it is known one by one whether they came
-FARTHEST_AHEAD = 1_000_000  # a number so far ahead is no loss but nonsense, or another start
+FARTHEST_AHEAD = 1_000_000  # a number so far ahead is nonsense, another start or a long cut
+CONFIRMED = 3  # numbers on end, so far ahead, of a sender that goes on there
 
 
 class Place(Enum):
@@ -32,7 +33,8 @@ class SequenceMonitor:
     Notes
     -----
     A sender counts its messages from any number on, one by one; each of its starts is a session of
-    its own. What came before the first message is not missing.
+    its own. What came before the first message is not missing. Nor is, of numbers far ahead, what
+    lies before the one that shows that the sender goes on there: it is not known how many that are.
     """
 
     def __init__(self, *, rising: bool = False) -> None:
@@ -43,6 +45,7 @@ class SequenceMonitor:
         self._newest = -1
         self._newest_ns = 0
         self._missing: set[int] = set()
+        self._far: list[tuple[int, int]] = []  # numbers on end that are far ahead, their times [ns]
 
     def place(self, sequence: int, session: int = 0, *, time_ns: int = 0) -> Place:
         """Take note of a message and return where it stands among the others.
@@ -63,7 +66,8 @@ class SequenceMonitor:
             return Place.AHEAD
         step = sequence - self._newest
         if step > FARTHEST_AHEAD:
-            return Place.OLD
+            return self._far_ahead(sequence, session, time_ns)
+        self._far.clear()
         if step > 0:
             self._advance(sequence, time_ns)
             return Place.NEXT if step == 1 else Place.AHEAD
@@ -76,6 +80,18 @@ class SequenceMonitor:
             return Place.AHEAD
         return Place.DUPLICATE if -step < WATCHED else Place.OLD
 
+    def _far_ahead(self, sequence: int, session: int, time_ns: int) -> Place:
+        """A single one is nonsense; a few, each behind the last, are what the sender sends."""
+        if self._far:
+            number, then_ns = self._far[-1]
+            if not (0 < sequence - number <= WATCHED and time_ns >= then_ns):
+                self._far.clear()
+        self._far.append((sequence, time_ns))
+        if len(self._far) < CONFIRMED or time_ns < self._newest_ns:
+            return Place.OLD
+        self._begin(session, sequence, time_ns)
+        return Place.AHEAD
+
     def _is_earlier(self, session: int) -> bool:
         if self._session is None:
             return False
@@ -86,6 +102,7 @@ class SequenceMonitor:
             self._earlier = [*self._earlier[-3:], self._session]
         self._session, self._newest, self._newest_ns = session, sequence, time_ns
         self._missing.clear()
+        self._far.clear()
 
     def _advance(self, sequence: int, time_ns: int) -> None:
         first = self._newest + 1

@@ -209,9 +209,9 @@ def _number(fields: dict[int, int | bytes]) -> float | int | list[float] | None:
     datatype = fields.get(4)
     match fields:
         case {12: bytes(packed)}:
-            return float(struct.unpack("<f", packed)[0])
+            return _floating("<f", packed)
         case {13: bytes(packed)}:
-            return float(struct.unpack("<d", packed)[0])
+            return _floating("<d", packed)
         case {10: int(number)} | {11: int(number)}:
             bits = _SIGNED_BITS.get(datatype, 0) if isinstance(datatype, int) else 0
             number &= (1 << bits) - 1 if bits else (1 << 64) - 1
@@ -224,6 +224,13 @@ def _number(fields: dict[int, int | bytes]) -> float | int | list[float] | None:
                 )
             return np.frombuffer(packed, kind).astype(float).tolist()
     return None
+
+
+def _floating(kind: str, packed: bytes) -> float:
+    """Raises MessageError: a field may claim any length."""
+    if len(packed) != struct.calcsize(kind):
+        raise MessageError(f"a floating-point number of {len(packed)} bytes")
+    return float(struct.unpack(kind, packed)[0])
 
 
 def _fields(encoded: bytes) -> Iterator[tuple[int, int | bytes]]:

@@ -13,8 +13,9 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.feeds.address import parsed
 from sensors.feeds.open_feed import open_feed
 from sensors.feeds.payloads.frame import Frame, encoded
-from sensors.feeds.protocol import ArrivalQueue, FeedError
-from sensors.feeds.udp import UdpFeed
+from sensors.feeds.payloads.frame_reader import FrameReader
+from sensors.feeds.protocol import ArrivalQueue, ChannelSamples, FeedCounts, FeedError
+from sensors.feeds.udp import UdpFeed, _Receiver
 from sensors.files.layout_file import LayoutFile, MappedChannel
 
 LAYOUT = LayoutFile((MappedChannel("ax", 100.0, (1.0, 0.0, 0.0)),), "t1", "top")
@@ -53,6 +54,23 @@ def test_frames_that_never_come_are_counted_exactly() -> None:
     feed = received(sent, lambda feed: feed.counts.received == len(sent))
     assert feed.counts.lost == 1000 - len(sent) == 11
     assert (feed.counts.duplicate, feed.counts.late, feed.counts.malformed) == (0, 0, 0)
+
+
+def test_the_frame_behind_one_for_which_there_was_no_room_lies_behind_a_gap(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counts, inbox = FeedCounts(), ArrivalQueue()
+    monkeypatch.setattr(inbox, "full", lambda: inbox.qsize() == 2)
+    receiver = _Receiver(FrameReader(("ax",), counts), inbox)
+    for number in range(3):
+        receiver.datagram_received(frame(number), "")
+    taken = [inbox.get_nowait(), inbox.get_nowait()]
+    for number in (3, 4):
+        receiver.datagram_received(frame(number), "")
+    taken += [inbox.get_nowait(), inbox.get_nowait()]
+    assert counts.lost == 1
+    follows = [each.follows for each in taken if isinstance(each, ChannelSamples)]
+    assert follows[1:] == [True, None, True]
 
 
 def test_what_is_no_frame_is_counted_and_hurts_nobody() -> None:

@@ -223,6 +223,30 @@ def test_one_wild_stamp_costs_its_own_message_and_nothing_else() -> None:
     assert counts.malformed + counts.late == 2
 
 
+@pytest.mark.parametrize("wild", [40 * 3600, -40 * 86_400])
+def test_samples_behind_a_numbered_message_that_was_dropped_keep_their_places(wild: int) -> None:
+    """Their numbers go on; a place that follows from the number would be the dropped one's."""
+    counts = FeedCounts()
+    first, *others = (piece(10 * n, n=10, follows=n > 0) for n in range(40))
+    others[4] = piece(50, n=10, at=50 + wild, follows=True)
+    samples = joined(assembled([first, *others], counts))
+    missing = set(range(400)) - {i for i, row in samples.items() if not np.isnan(row).any()}
+    assert missing == set(range(50, 60))
+    assert all(row[0] == value("ax", i) for i, row in samples.items() if i not in missing)
+    assert counts.malformed + counts.late == 1
+
+
+def test_samples_behind_a_numbered_message_of_another_rate_keep_their_places() -> None:
+    first, *others = (piece(10 * n, n=10, follows=n > 0) for n in range(40))
+    others[4] = piece(50, n=10, rate=2 * RATE, follows=True)
+    samples = joined(assembled([first, *others], sampling_rate=RATE))
+    assert all(row[0] == value("ax", i) for i, row in samples.items() if not 50 <= i < 60)
+    assert {i for i, row in samples.items() if not np.isnan(row).any()} == {
+        *range(50),
+        *range(60, 400),
+    }
+
+
 def test_a_link_that_was_away_for_a_minute_leaves_a_gap_in_the_same_session() -> None:
     counts = FeedCounts()
     away = [piece(first) for first in [*range(0, 200, 40), *range(2600, 2800, 40)]]

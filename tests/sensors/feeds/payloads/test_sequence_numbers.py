@@ -1,5 +1,6 @@
 """What a sender's numbers say of the messages that never came."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -69,5 +70,27 @@ def test_where_sessions_rise_nothing_that_was_sent_before_is_taken_again() -> No
 def test_a_number_beyond_all_reason_counts_nothing() -> None:
     watch = SequenceMonitor()
     watch.place(0)
-    assert watch.place(FARTHEST_AHEAD + 1) is Place.OLD
+    for far in (1, 2, 0, 5_000, 5_001):  # no three on end
+        assert watch.place(2 * FARTHEST_AHEAD + far) is Place.OLD
+        if far == 2:
+            assert watch.place(1) is Place.NEXT
     assert watch.lost == 0
+
+
+@pytest.mark.parametrize("rising", [False, True])
+def test_a_sender_that_goes_on_far_ahead_is_taken_there(rising: bool) -> None:
+    """After a link that was away for hours."""
+    watch = SequenceMonitor(rising=rising)
+    watch.place(0, time_ns=0)
+    first = FARTHEST_AHEAD + 80_000
+    places = [watch.place(first + n, time_ns=first + n) for n in range(5)]
+    assert places == [Place.OLD, Place.OLD, Place.AHEAD, Place.NEXT, Place.NEXT]
+    assert watch.place(1, time_ns=1) is Place.OLD
+    assert watch.lost == 0
+
+
+def test_numbers_far_ahead_with_times_of_before_are_not_taken() -> None:
+    watch = SequenceMonitor()
+    watch.place(0, time_ns=10**9)
+    for n in range(5):
+        assert watch.place(2 * FARTHEST_AHEAD + n, time_ns=n) is Place.OLD

@@ -1,6 +1,8 @@
 """Numbers of Sparkplug B payloads, written here field by field."""
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sensors.feeds.payloads.json_samples import MessageError
 from sensors.feeds.payloads.mapped_reader import MappedReader
@@ -24,6 +26,32 @@ def test_integers_below_zero_come_as_the_complement_of_two(
         written = field(1, b"ax") + field(4, datatype) + field(place, number % 2**bits)
         (metric,) = SparkplugDecoder().decoded("spBv1.0/g/NDATA/n", field(2, written))["metrics"]
         assert metric == {"name": "ax", "value": number}
+
+
+@pytest.mark.parametrize(("place", "length"), [(12, 3), (12, 8), (13, 4), (13, 0)])
+def test_a_floating_point_number_of_another_length_is_refused(place: int, length: int) -> None:
+    written = field(1, b"ax") + field(4, 9) + field(place, bytes(length))
+    with pytest.raises(MessageError, match=f"floating-point number of {length} bytes"):
+        SparkplugDecoder().decoded("spBv1.0/g/NDATA/n", field(2, written))
+
+
+_CONTENT = st.binary(max_size=9) | st.integers(0, 2**64 - 1)
+_FIELDS = st.lists(st.tuples(st.integers(1, 17), _CONTENT), max_size=6)
+
+
+@settings(max_examples=200)
+@given(metrics=st.lists(_FIELDS, max_size=3), others=_FIELDS)
+def test_no_payload_does_more_than_be_refused(
+    metrics: list[list[tuple[int, int | bytes]]], others: list[tuple[int, int | bytes]]
+) -> None:
+    parts = [field(2, b"".join(field(*each) for each in metric)) for metric in metrics]
+    payload = b"".join([*parts, *(field(*each) for each in others)])
+    reader = MappedReader(mapping_named("sparkplug-b"), ("ax",), FeedCounts())
+    try:
+        for piece in reader.read(payload, "spBv1.0/g/NDATA/n"):
+            assert piece.samples.ndim == 2
+    except MessageError as error:
+        assert "\n" not in str(error)  # noqa: PT017  # either is right
 
 
 def test_large_numbers_without_a_sign_stay_large() -> None:
