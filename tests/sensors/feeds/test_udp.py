@@ -56,11 +56,8 @@ def test_frames_that_never_come_are_counted_exactly() -> None:
     assert (feed.counts.duplicate, feed.counts.late, feed.counts.malformed) == (0, 0, 0)
 
 
-def test_the_frame_behind_one_for_which_there_was_no_room_lies_behind_a_gap(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    counts, inbox = FeedCounts(), ArrivalQueue()
-    monkeypatch.setattr(inbox, "full", lambda: inbox.qsize() == 2)
+def test_the_frame_behind_one_for_which_there_was_no_room_lies_behind_a_gap() -> None:
+    counts, inbox = FeedCounts(), ArrivalQueue(2)
     receiver = _Receiver(FrameReader(("ax",), counts), inbox)
     for number in range(3):
         receiver.datagram_received(frame(number), "")
