@@ -116,8 +116,8 @@ class UnitStream:
         (position,) = self._positions(np.array([time_ns]), until_ns=time_ns)
         return float(position)
 
-    def next_samples(self, time_ns: int) -> int | None:
-        """When its earliest samples from a time on were taken, by the stamps; None: it has none."""
+    def samples_from(self, time_ns: int) -> int | None:
+        """Time of its earliest samples from a time on, by the stamps [ns]; None: it has none."""
         return min(
             (max(start, time_ns) for start, end, _ in self._status if end > time_ns), default=None
         )
@@ -181,8 +181,8 @@ class UnitJoiner:
         self._session = ""
         self._next = 0  # grid samples given or known to be missing
         self._sequence = 0
-        # first grid sample of a block given, and where that is in each unit's count
         self._refilling = False  # after a restart: samples before the grid fit the units' clocks
+        # first grid sample of a block given, and where that is in each unit's count
         self._beginnings: deque[tuple[int, dict[str, float]]] = deque(maxlen=REMEMBERED_BEGINNINGS)
 
     def restart(self, unit: str) -> None:
@@ -354,7 +354,7 @@ class UnitJoiner:
         """Grid blocks from the next one on that no unit has samples for, nor will be waited for."""
         now_ns = int(self._grid(1)[0])
         waited_ns = self._lateness_ns + round(HALF_LENGTH / self._rate * NANOSECONDS)
-        ahead = [s.next_samples(now_ns) for streams in self._streams.values() for s in streams]
+        ahead = [s.samples_from(now_ns) for streams in self._streams.values() for s in streams]
         until_ns = min([newest - waited_ns, *(each for each in ahead if each is not None)])
         return int((until_ns - now_ns) / NANOSECONDS * self._rate) // size - 1  # stamps scatter
 

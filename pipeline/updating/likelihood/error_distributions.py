@@ -74,8 +74,7 @@ class StudentErrors:
     and is bought off by σ and the stiffness together. A mode's frequency and its shape have a λ
     each: a shape that fits must not vouch for a frequency.
 
-    λ is integrated over the quantiles of its distribution, at (i + ½) / n, the last one further
-    out, so that the tail is reached.
+    λ is integrated over equal steps of its logarithm, which reach far into the tail (`tail_nodes`).
     Source: scale mixtures of normals, West (1987), Biometrika 74.
     """
 

@@ -11,7 +11,7 @@ component is left out (its variance is zero). σ's discrepancy is one vector for
 windows are combined before R is added (`evidence`). A systematic floor is added once, after they
 are combined: the identification has a small persistent bias that more windows do not average out.
 Discrepancy and floor are Student-t distributed over the modes: one mode that the identification
-got wrong by 1 % must not drag the stiffness by 20 % (`tails`).
+got wrong by 1 % must not drag the stiffness by 20 % (`error_distributions`).
 """
 
 from collections.abc import Sequence
@@ -206,8 +206,8 @@ def sigma_grid(highest: float, n_points: int) -> tuple[FloatArray, FloatArray]:
 class ModalLikelihood:
     """Likelihood of the paired modes for many θ at once, σ on a grid.
 
-    A whole grid of σ costs one matrix product (`tails`), so σ can be integrated out for every θ.
-    A chain then walks over three nearly Gaussian dimensions instead of a funnel of four.
+    A whole grid of σ costs one matrix product (`error_distributions`), so σ can be integrated out
+    for every θ. A chain then walks over three nearly Gaussian dimensions instead of a funnel of four.
     """
 
     def __init__(
