@@ -155,7 +155,7 @@ def stamp_samples(
     ----------
     files : Sequence[MeasurementFile]
         Files in order of time.
-    pieces : Iterable[tuple[int, ChannelTable]]
+    chunks : Iterable[tuple[int, ChannelTable]]
         Chunks of all of them, each with the number of its file.
     rate : float
         Rate [Hz], of what has no stamps.

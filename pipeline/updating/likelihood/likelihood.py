@@ -207,7 +207,8 @@ class ModalLikelihood:
     """Likelihood of the paired modes for many θ at once, σ on a grid.
 
     A whole grid of σ costs one matrix product (`error_distributions`), so σ can be integrated out
-    for every θ. A chain then walks over three nearly Gaussian dimensions instead of a funnel of four.
+    for every θ. A chain then walks over three nearly Gaussian dimensions instead of a funnel of
+    four.
     """
 
     def __init__(
