@@ -7,7 +7,7 @@ import pytest
 
 from sensors.files.table import FileError, TimeColumn
 from sensors.files.text.dialect import BEGINNING, read_head
-from sensors.files.text.preamble import start_in_name, stated_start_ns
+from sensors.files.text.preamble import start_in_name, stated_rate, stated_start_ns
 
 
 def cut_within(folder: Path, cell: str, *, kept: int) -> Path:
@@ -41,6 +41,97 @@ def test_a_cell_without_a_value_is_known_as_it_is_written(tmp_path: Path) -> Non
     path = tmp_path / "short.csv"
     path.write_text("t;a\n0;1\n1;-\n2;3\n3;4\n", encoding="ascii")
     assert read_head(path).missing == ("-",)
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("Sampling rate: 50 Hz", 50.0),
+        ("Sampling rate [Hz];50", 50.0),
+        ("Sampling rate (kHz): 2", 2000.0),
+        ("Sampling rate [1/s]: 50", 50.0),
+        ("Sampling rate [s-1]: 50", 50.0),
+        ("Sampling rate: 100 samples per second", 100.0),
+        ("Sample Rate 1000 S/s", 1000.0),
+        ("Sampling rate;2;[kHz]", 2000.0),
+        ("fs=100, s=5", 100.0),
+        ("Sampling rate [Hz]: 2 kHz", None),
+        ("Sampling rate: 1 MHz", None),
+        ("Sampling rate: 10 ms", None),
+        ("Update rate of the offset: 5", None),
+        ("Sampling interval 0,01 s", 100.0),
+        ("# Sampling interval [ms]: 10", 100.0),
+        ("# dt (ms) = 5", 200.0),
+        ("dt_ms = 5", 200.0),
+        ("sampling_interval_ms: 5", 200.0),
+        ("Sampling interval in ms: 5", 200.0),
+        ("Sampling interval;10;ms", 100.0),
+        ("Sampling interval: 10 milliseconds", 100.0),
+        ("dt [us]: 5000", 200.0),
+        ("dt [µs]: 5000", 200.0),
+        ("dt [μs]: 5000", 200.0),
+        ("dt [ns]: 5000000", 200.0),
+        ("dt [s]: 0.005", 200.0),
+        ("dt [s]: 5 ms", None),
+        ("dt [min]: 0.001", None),
+        ("Sampling interval [Hz]: 50", None),
+        ("dt = 0", None),
+        ("Sampling time: 12:30", None),
+        ("FS1;FS2", None),  # channels
+        ("DT1;DT2", None),
+    ],
+)
+def test_a_stated_rate_or_interval_is_in_the_unit_beside_it(
+    line: str, expected: float | None
+) -> None:
+    found = stated_rate([line])
+    assert found == (None if expected is None else pytest.approx(expected, rel=1e-12))
+
+
+@pytest.mark.parametrize(
+    ("value", "decimal_point", "expected"),
+    [
+        ("1,000", ".", None),
+        ("1,000", ",", None),
+        ("50,00", ".", 50.0),
+        ("0,005", ".", 0.005),  # no group of thousands begins with 0
+        ("1000,000", ".", 1000.0),
+        ("1,000e2", ".", 100.0),
+        ("50.000", ".", 50.0),  # as programs write three decimals
+        ("1.000", ",", None),
+        ("0.005", ",", 0.005),
+        ("50.0", ",", 50.0),
+        ("1,000.0", ".", None),
+        ("1,000,000", ".", None),
+        ("1 000", ".", None),
+        ("1 000,5", ",", None),
+        ("1'000", ".", None),
+    ],
+)
+def test_a_rate_whose_thousands_may_be_decimals_is_not_stated(
+    value: str, decimal_point: str, expected: float | None
+) -> None:
+    assert stated_rate([f"Sampling rate: {value} Hz"], decimal_point) == expected
+    step = stated_rate([f"dt = {value}"], decimal_point)
+    assert step == (None if expected is None else pytest.approx(1 / expected))
+
+
+@pytest.mark.parametrize(("rows", "rate"), [("1,5;2,5\n", None), ("1.5;2.5\n", 50.0)])
+def test_a_point_between_thousands_is_told_by_the_samples(
+    tmp_path: Path, rows: str, rate: float | None
+) -> None:
+    path = tmp_path / "rated.csv"
+    path.write_text(f"Sampling rate: 50.000 Hz\na;b\n{rows * 5}", encoding="ascii")
+    assert read_head(path).columns.rate == rate
+
+
+@pytest.mark.parametrize("line", ["Sampling rate;1,000;Hz", "Start;03/02/2024 04:05:06;logger"])
+def test_a_line_of_the_measurement_that_is_not_understood_is_no_line_of_titles(
+    tmp_path: Path, line: str
+) -> None:
+    path = tmp_path / "untitled.csv"
+    path.write_text(f"{line}\n" + "1.5;2.5\n" * 5, encoding="ascii")
+    assert [each.title for each in read_head(path).columns.all] == ["ch1", "ch2"]
 
 
 @pytest.mark.parametrize(
