@@ -44,18 +44,23 @@ _HERTZ = {
 }
 _STEP_UNITS = ("s", "sec", "ms", "us", "µs", "ns")
 _START = re.compile(
-    r"(?:start|begin|trigger|t0)\w*[^\d\n]{0,24}"
-    r"(?P<moment>\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2})(?P<part>\.\d+)?"
-    r"(?P<zone>Z|[+-]\d{2}:?\d{2})?",
+    r"(?:start|begin|trigger|t0)\w*?[^\d\n]{0,30}(?<!\d)"
+    r"(?P<moment>\d{1,4}[-/. ]{1,2}(?:\d{1,2}|[^\W\d]{3,9})[-/. ]{1,2}\d{1,4}[T _,;]+"
+    r"\d{1,2}:\d{2}:\d{2}(?:[.,:]\d+)?)",
     re.IGNORECASE,
 )
-_OTHER_START = re.compile(
-    r"(?:start|begin|trigger|t0)[^\d\n]{0,30}"
-    r"(?P<moment>\d{1,4}[-/. ]{1,2}(?:\d{1,2}|[^\W\d]{3,9})[-/. ]{1,2}\d{1,4}[T ,;]+"
-    r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?(?: ?[AP]M)?)",
+_HALF = re.compile(r"[\s;,|]*(?P<half>[ap])\.?m(?![a-z])\.?", re.IGNORECASE)
+_ZONE = re.compile(  # in a cell of its own, "-5" may be any number
+    r"(?: *|[\s;,|]+(?![+-]\d+(?![\d:])))[\[(]?"
+    r"(?P<zone>z|(?:(?:utc|gmt)\s?)?[+-](?:1[0-4]|0?\d)(?::?[0-5]\d)?|[a-z]{3,4})"
+    r"(?![\w:+-]|[.,]\d)[\])]?",
     re.IGNORECASE,
 )
-_ZONE_BEHIND = re.compile(r" ?\(?[A-Z]{3,4}(?![A-Za-z])(?:[+-]\d{1,2}(?::?\d{2})?)?")
+# Another cell, another entry, or the end of a period: what stood before them is whole
+_DONE = re.compile(
+    r"(?: ?Uhr)?\.?(?:\s*(?:$|[;,|\t\"'#*)\]])|\s+[-–]\s+\d{1,4}[-/.]|\s+(?!\w*zone)\w+ ?[:=])",
+    re.IGNORECASE,
+)
 
 _IN_NAME = re.compile(
     r"(?<!\d)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_T .]?(\d\d)[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?(Z?)"
@@ -106,7 +111,7 @@ def stated_rate(lines: Sequence[str], decimal_point: str = ".") -> float | None:
 
 def states_measurement(line: str) -> bool:
     """Whether a line says how fast or since when was sampled, even if it is not understood."""
-    return bool(_rates_in(line)) or any(form.search(line) for form in (_START, _OTHER_START))
+    return bool(_rates_in(line)) or _START.search(line) is not None
 
 
 def _rates_in(line: str, decimal_point: str = ".") -> list[float]:
@@ -172,36 +177,33 @@ def stated_start_ns(lines: Sequence[str], time: TimeColumn = UNSTATED) -> int:
     time : TimeColumn, optional
         What is stated of dates beside the file.
     """
-    found = next((match for line in lines if (match := _START.search(line))), None)
-    if found is None:
-        return _other_start_ns(lines, time)
-    try:
-        moment = datetime.fromisoformat(found["moment"] + (found["zone"] or ""))
-    except ValueError:
+    moments = (found for line in lines if (found := _START.search(line)))
+    return next((start for found in moments if (start := _moment_ns(found, time))), 0)
+
+
+def _moment_ns(found: re.Match[str], time: TimeColumn) -> int:
+    """Return a moment in UTC [ns]; 0 where it, or what follows it, is not understood."""
+    text, line, end = found["moment"], found.string, found.end()
+    if (half := _HALF.match(line, end)) is not None:
+        text, end = f"{text} {half['half']}M", half.end()
+    zone = time.zone
+    behind = _ZONE.match(line, end)
+    if behind is not None and (stated := _zone_of(behind["zone"])) is not None:
+        zone, end = stated, behind.end()
+    if kind_of_text(text) != "moment" or _DONE.match(line, end) is None:
         return 0
-    zone, fold = zone_named(_zone(found, time)), int(time.second_hour)
-    aware = moment if moment.tzinfo else moment.replace(tzinfo=zone, fold=fold)
-    part = (found["part"] or ".")[1:]
-    return round(aware.timestamp()) * NANOSECONDS + int(f"{part:0<9}"[:9])
-
-
-def _zone(moment: re.Match[str], time: TimeColumn) -> str:
-    """Return the zone behind a moment, "10:00:00 MESZ"; the one stated beside the file else."""
-    behind = _ZONE_BEHIND.match(moment.string, moment.end())
-    return (zone_in_title(behind[0]) if behind else None) or time.zone
-
-
-def _other_start_ns(lines: Sequence[str], time: TimeColumn) -> int:
-    """Return a start that is not written as ISO 8601; 0 where day and month may be exchanged."""
-    found = next((match for line in lines if (match := _OTHER_START.search(line))), None)
-    if found is None or kind_of_text(found["moment"]) != "moment":
-        return 0
-    text = found["moment"]
     try:
         local = int(DateStyle.of([text], time.dates).nanoseconds(pa.array([text]))[0])
-        return local - zone_offset_ns(local, _zone(found, time), second=time.second_hour)
+        return local - zone_offset_ns(local, zone, second=time.second_hour)
     except DateError as error:
         log_once(f"the start of the measurement is left out; {error}")
     except pa.ArrowInvalid:
         pass
     return 0
+
+
+def _zone_of(text: str) -> str | None:
+    """Return the zone that "Z", "+0100", "GMT+2" or "MESZ" is; None for another word."""
+    if text[0] in "+-":
+        return zone_in_title(f"UTC{text}")
+    return zone_in_title("UTC" if text in ("Z", "z") else text)
