@@ -97,7 +97,7 @@ def join_channels(
     if not wanted.names:
         channels = _without_ramps(channels, path)
     chosen = wanted.among([channel["name"] for channel in channels])
-    channels = [channels[i] if wanted.stamps else _convert_numbers(channels[i]) for i in chosen]
+    channels = [channels[i] if wanted.stamps else _without_clock(channels[i]) for i in chosen]
     channels = [_dated(channel, path, wanted.time.zone) for channel in channels]
     columns = [_samples(channel, path) for channel in channels]
     times, start_ns, samples = _on_one_clock(channels, columns, path)
@@ -204,12 +204,13 @@ def _with_time(
         raise FileError(f"{path}: the time {time.column!r} {error}") from error
     begin = iso(clock.start_ns) if clock.start_ns else channels[place].get("start_timestamp")
     return [
-        _convert_numbers(channel) | Sep005Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
+        _without_clock(channel) | Sep005Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
         for channel in (*channels[:place], *channels[place + 1 :])
     ]
 
 
-def _convert_numbers(channel: Sep005Channel) -> Sep005Channel:
+def _without_clock(channel: Sep005Channel) -> Sep005Channel:
+    """Return a channel without its rate and its time stamps."""
     return Sep005Channel(
         data=channel["data"],
         name=channel["name"],
