@@ -247,12 +247,12 @@ def _seconds(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | 
         since = (values - values[0]) / np.timedelta64(1, "ns")
         return np.asarray(since * 1e-9), str(values[0].astype("datetime64[ns]"))
     try:
-        return _convert_numbers(stamp, path)
+        return _seconds_of_numbers(stamp, path)
     except ClockError as error:
         raise FileError(f"{path}: the time {stamp.name!r} {error}") from error
 
 
-def _convert_numbers(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | None]:
+def _seconds_of_numbers(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | None]:
     values, noted = stamp.values, str(_find_note(stamp.own, UNIT_NOTES) or "")
     if values.dtype.kind == "u":
         values = values.astype(np.int64)

@@ -97,7 +97,7 @@ def join_channels(
     if not wanted.names:
         channels = _without_ramps(channels, path)
     chosen = wanted.among([channel["name"] for channel in channels])
-    channels = [channels[i] if wanted.stamps else _convert_numbers(channels[i]) for i in chosen]
+    channels = [channels[i] if wanted.stamps else _without_clock(channels[i]) for i in chosen]
     channels = [_dated(channel, path, wanted.time.zone) for channel in channels]
     columns = [_samples(channel, path) for channel in channels]
     times, start_ns, samples = _on_one_clock(channels, columns, path)
@@ -204,12 +204,13 @@ def _with_time(
         raise FileError(f"{path}: the time {time.column!r} {error}") from error
     begin = iso(clock.start_ns) if clock.start_ns else channels[place].get("start_timestamp")
     return [
-        _convert_numbers(channel) | Sep005Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
+        _without_clock(channel) | Sep005Channel(time=seconds, start_timestamp=begin)  # type: ignore[typeddict-item]
         for channel in (*channels[:place], *channels[place + 1 :])
     ]
 
 
-def _convert_numbers(channel: Sep005Channel) -> Sep005Channel:
+def _without_clock(channel: Sep005Channel) -> Sep005Channel:
+    """Return a channel without its rate and its time stamps."""
     return Sep005Channel(
         data=channel["data"],
         name=channel["name"],
@@ -330,8 +331,8 @@ def timestamp_ns(stamp: str | datetime | None, path: Path, zone: str = "") -> in
     Parameters
     ----------
     stamp : str or datetime or None
-        ISO 8601, or as MATLAB's datestr writes it: 01-Mar-2026 12:00:00; behind it perhaps the name
-        of a zone: UTC, CET, UTC+2.
+        ISO 8601, its fraction behind a point or a comma, or as MATLAB's datestr writes it:
+        01-Mar-2026 12:00:00; behind it perhaps the name of a zone: UTC, CET, UTC+2.
     path : Path
         Of the file, for messages.
     zone : str, optional
@@ -349,10 +350,11 @@ def timestamp_ns(stamp: str | datetime | None, path: Path, zone: str = "") -> in
     named = _NAMED_ZONE.search(stamp)
     if named is not None and (stated := zone_in_title(named[0])) is not None:
         stamp, zone = stamp[: named.start()], stated
-    seconds, _, rest = stamp.strip().replace("Z", "+00:00").partition(".")
-    digits = rest[: len(rest) - len(rest.lstrip("0123456789"))]
+    stamp = stamp.strip().replace("Z", "+00:00")
+    fraction = _FRACTION.search(stamp)  # apart: a datetime has whole microseconds
+    digits = fraction[1] if fraction else ""
     try:
-        moment = _moment(seconds + rest[len(digits) :])
+        moment = _moment(_FRACTION.sub("", stamp, count=1))
     except ValueError:
         raise FileError(
             f"{path}: its start is {stamp!r}; a time like 2024-12-31T23:59:59.5 is needed"
@@ -361,11 +363,14 @@ def timestamp_ns(stamp: str | datetime | None, path: Path, zone: str = "") -> in
     return round(aware.timestamp()) * NANOSECONDS + int(f"{digits:0<9}"[:9])
 
 
+_FRACTION = re.compile(r"(?:(?<=:\d\d:\d\d)|(?<=[T ]\d{6}))[.,](\d*)")
 _NAMED_ZONE = re.compile(r" [A-Z]{3,4}(?:[+-]\d{1,2}(?::?\d{2})?)?\s*$")
 
 
 def _moment(text: str) -> datetime:
     """Raises ValueError for a text that is neither ISO 8601 nor MATLAB's."""
+    if re.search(r"[T ]\d\d(?::?\d\d)?[.,]\d", text):
+        raise ValueError("a fraction of a minute, which a datetime takes for one of a second")
     matlab = re.fullmatch(r"(\d\d)-([A-Z][a-z]{2})-(\d{4}) (\d\d:\d\d:\d\d)", text)
     names = enumerate(MONTHS, start=1)
     months = [number for number, name in names if matlab and re.match(name, matlab[2].lower())]

@@ -57,7 +57,7 @@ class Frame:
     samples: FloatArray
     """(n_samples, n_channels)."""
     names: tuple[str, ...] = ()
-    """None: all channels of the layout, in its order."""
+    """Empty: all channels of the layout, in its order."""
     status: BlockStatus = BlockStatus.OK
 
 

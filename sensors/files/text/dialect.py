@@ -21,7 +21,7 @@ from sensors.files.text.column_titles import distinct, is_time_title, is_unit, s
 from sensors.files.text.columns import Column, ColumnKind, SortedColumns, sort_columns
 from sensors.files.text.dates import kind_of_text
 from sensors.files.text.decoding import UNREADABLE, detect_encoding, open_unpacked
-from sensors.files.text.preamble import stated_rate, stated_start_ns
+from sensors.files.text.preamble import stated_rate, stated_start_ns, states_measurement
 from sensors.files.text.time_column import ABSOLUTE
 
 Each = TypeVar("Each")
@@ -245,7 +245,7 @@ class _Beginning:
             skipped=samples[0].number,
             columns=replace(
                 columns,
-                rate=stated_rate(preamble),
+                rate=stated_rate(preamble, self.form.decimal_point),
                 start_ns=stated_start_ns(preamble, wanted.time),
             ),
             missing=tuple({cell for row in samples for cell in row.missing}),
@@ -307,7 +307,7 @@ class _Beginning:
             For titles, right above the samples, of which there are too few or many.
         """
         apart = len(self.lines) > nearest.number + 1 and not self.lines[nearest.number + 1].strip()
-        if apart or len(nearest.cells) < 2 or _states_measurement(nearest):
+        if apart or len(nearest.cells) < 2 or states_measurement(nearest.line):
             return fit
         if nearest.has_numbers(kinds):
             return fit - 1
@@ -378,8 +378,3 @@ def _is_statistics_row(cells: Sequence[str]) -> bool:
     """Whether a row states how each value was formed: sampled, averaged (Campbell's TOA5)."""
     stated = [cell.strip().lower() for cell in cells if cell.strip()]
     return bool(stated) and STATISTICS.issuperset(stated)
-
-
-def _states_measurement(row: _Row) -> bool:
-    """Whether a line describes the measurement: "Serial;1234"."""
-    return stated_rate([row.line]) is not None or stated_start_ns([row.line]) != 0

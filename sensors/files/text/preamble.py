@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from datetime import datetime
+from math import isnan, nan
 
 import pyarrow as pa
 
@@ -16,35 +17,50 @@ from sensors.files.text.dates import (
     zone_in_title,
     zone_offset_ns,
 )
-from sensors.files.text.time_column import SECONDS_PER_UNIT
+from sensors.files.text.time_column import SECONDS_PER_UNIT, known_unit
 
-_GAP = r"[^\d\n+-]{0,24}?"
-_VALUE = r"(?P<value>\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)"
+# A unit such as ms, S/s, 1/s, s-1, samples per second
+_UNIT = r"(?:1/[^\W\d_]+|s(?:\^?-1|⁻¹)|(?:[^\W\d_]+ ?)?(?:/|\bper |\bpro ) ?[^\W\d_]+|[^\W\d_]+)"
+_GAP = r"(?P<gap>(?:1/[a-z]+|s\^?-1|[^\d\n+-]){0,28}?)"
+_VALUE = (  # with its groups of thousands; neither a time of day, a date nor a range
+    r"(?!1/[a-z])(?P<value>[1-9]\d{0,2}(?:[ \xa0\u202f'’]\d{3}(?!\d))+(?:[.,]\d+)?"
+    r"|\d+(?:[.,]\d+)*(?:[eE][+-]?\d+)?)(?![.,:/-]?\d)"
+)
+_BEHIND = rf"(?:[ \t;,|]*[\[(]?(?P<unit>{_UNIT})(?!\w|[ \t]*[=:]))?"  # not the next entry: "s=5"
 _RATE = re.compile(
-    r"(?<![a-z])(?:fs|f_s|(?:sampl\w*|scan|data|abtast\w*|mess|acquisition)?[ _-]*"
-    r"(?:rate|freq(?:uency|uenz)?|frequenz)(?: ?\(?hz\)?)?)" + _GAP + _VALUE
-    + r"[ \t]*(?P<unit>khz|hz|ks/s|s/s|sps|1/s)?",
+    r"(?<![a-z])(?P<label>(?:fs|f_s)(?!\d)|(?:sampl\w*|scan|data|abtast\w*|mess|acquisition)?[ _-]*"
+    r"(?:rate|freq(?:uency|uenz)?|frequenz))" + _GAP + _VALUE + _BEHIND,
     re.IGNORECASE,
 )  # fmt: skip
-_SURE = re.compile(r"fs|f_s|sampl|scan|abtast|mess|acqui", re.IGNORECASE)
+_SURE = re.compile(r"(?<![a-z])f_?s(?![a-z])|sampl|scan|abtast|mess|acqui", re.IGNORECASE)
 _STEP = re.compile(
-    r"(?<![a-z])(?:dt|delta[ _-]?[tx]|(?:sampl\w*|abtast)[ _-]*(?:interval\w*|period|step|time))"
-    + _GAP + _VALUE + r"[ \t]*(?P<unit>ms|us|µs|ns|s)?",
+    r"(?<![a-z])(?:dt(?!\d)|delta[ _-]?[tx]"
+    r"|(?:sampl\w*|abtast)[ _-]*(?:interval[a-z]*|period|step|time))" + _GAP + _VALUE + _BEHIND,
     re.IGNORECASE,
 )  # fmt: skip
+_HERTZ = {
+    **dict.fromkeys(("hz", "sps", "s-1", "s^-1", "s⁻¹"), 1.0),
+    **dict.fromkeys(("khz", "ksps"), 1000.0),
+}
+_STEP_UNITS = ("s", "sec", "ms", "us", "µs", "ns")
 _START = re.compile(
-    r"(?:start|begin|trigger|t0)\w*[^\d\n]{0,24}"
-    r"(?P<moment>\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2})(?P<part>\.\d+)?"
-    r"(?P<zone>Z|[+-]\d{2}:?\d{2})?",
+    r"(?:start|begin|trigger|t0)\w*?[^\d\n]{0,30}(?<!\d)"
+    r"(?P<moment>\d{1,4}[-/. ]{1,2}(?:\d{1,2}|[^\W\d]{3,9})[-/. ]{1,2}\d{1,4}[T _,;]+"
+    r"\d{1,2}:\d{2}:\d{2}(?:[.,:]\d+)?)",
     re.IGNORECASE,
 )
-_OTHER_START = re.compile(
-    r"(?:start|begin|trigger|t0)[^\d\n]{0,30}"
-    r"(?P<moment>\d{1,4}[-/. ]{1,2}(?:\d{1,2}|[^\W\d]{3,9})[-/. ]{1,2}\d{1,4}[T ,;]+"
-    r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?(?: ?[AP]M)?)",
+_HALF = re.compile(r"[\s;,|]*(?P<half>[ap])\.?m(?![a-z])\.?", re.IGNORECASE)
+_ZONE = re.compile(  # in a cell of its own, "-5" may be any number
+    r"(?: *|[\s;,|]+(?![+-]\d+(?![\d:])))[\[(]?"
+    r"(?P<zone>z|(?:(?:utc|gmt)\s?)?[+-](?:1[0-4]|0?\d)(?::?[0-5]\d)?|[a-z]{3,4})"
+    r"(?![\w:+-]|[.,]\d)[\])]?",
     re.IGNORECASE,
 )
-_ZONE_BEHIND = re.compile(r" ?\(?[A-Z]{3,4}(?![A-Za-z])(?:[+-]\d{1,2}(?::?\d{2})?)?")
+# Another cell, another entry, or the end of a period: what stood before them is whole
+_DONE = re.compile(
+    r"(?: ?Uhr)?\.?(?:\s*(?:$|[;,|\t\"'#*)\]])|\s+[-–]\s+\d{1,4}[-/.]|\s+(?!\w*zone)\w+ ?[:=])",
+    re.IGNORECASE,
+)
 
 _IN_NAME = re.compile(
     r"(?<!\d)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_T .]?(\d\d)[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?(Z?)"
@@ -76,29 +92,78 @@ def start_in_name(name: str, time: TimeColumn = UNSTATED) -> int:
     return round(moment.timestamp()) * NANOSECONDS
 
 
-def stated_rate(lines: Sequence[str]) -> float | None:
+def stated_rate(lines: Sequence[str], decimal_point: str = ".") -> float | None:
     """Return the sampling rate that the lines state, perhaps as its interval [Hz].
 
-    None: none, or several.
+    None: none, several, or one that may be thousands or decimals, such as 1,000 Hz.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Above the table.
+    decimal_point : str, optional
+        Of the samples: where it is a comma, a point may stand between thousands.
     """
-    rates = {rate for line in lines for rate in _rates_in(line) if 0 < rate < float("inf")}
+    rates = {rate for line in lines for rate in _rates_in(line, decimal_point)}
+    rates = {rate for rate in rates if 0 < rate < float("inf")}
     return rates.pop() if len(rates) == 1 else None
 
 
-def _rates_in(line: str) -> list[float]:
+def states_measurement(line: str) -> bool:
+    """Whether a line says how fast or since when was sampled, even if it is not understood."""
+    return bool(_rates_in(line)) or _START.search(line) is not None
+
+
+def _rates_in(line: str, decimal_point: str = ".") -> list[float]:
+    """Return the rates that a line states [Hz]; NaN for one that is not understood."""
+    rates: list[float] = []
     found = _RATE.search(line)
-    if found is not None and (found["unit"] or _SURE.search(found[0]) or "hz" in found[0].lower()):
-        unit = (found["unit"] or "").lower()
-        kilo = unit.startswith("k") or "[khz]" in line.lower()
-        return [_number(found["value"]) * (1000.0 if kilo else 1.0)]
-    found = _STEP.search(line)
-    if found is None:
-        return []
-    step = _number(found["value"]) * SECONDS_PER_UNIT[(found["unit"] or "s").lower()]
-    return [1.0 / step] if step > 0 else []
+    if found is not None:
+        hertz = {each for unit in _units(found) if (each := _hertz(unit)) is not None}
+        if hertz or _SURE.search(found["label"] + found["gap"]):
+            rates.append(_number(found["value"], decimal_point) * _only(hertz))
+    found = _STEP.search(line) if not rates or isnan(rates[0]) else None
+    if found is not None:
+        seconds = {each for unit in _units(found) if (each := _seconds(unit)) is not None}
+        step = _number(found["value"], decimal_point) * _only(seconds)
+        rates.append(1.0 / step if step else nan)
+    return rates
 
 
-def _number(text: str) -> float:
+def _units(found: re.Match[str]) -> list[str]:
+    """Return what may be units between a label and its number and behind that."""
+    words = [*re.findall(_UNIT, found["gap"], re.IGNORECASE), found["unit"] or ""]
+    return [re.sub(r" ?(?:/|\bper |\bpro ) ?", "/", word.lower()) for word in words if word]
+
+
+def _only(factors: set[float]) -> float:
+    """Return the factor of a number's unit; 1 where it has none, NaN where it has several."""
+    return (factors or {1.0}).pop() if len(factors) < 2 else nan
+
+
+def _hertz(unit: str) -> float | None:
+    """Return a unit of rates [Hz]; NaN for a unit of something else, None for another word."""
+    samples, slash, time = unit.partition("/")
+    if slash and known_unit(time) in ("s", "sec") and not samples.startswith(("ms", "gs")):
+        return 1000.0 if samples in ("ks", "ksa", "ksamples") else 1.0
+    other = unit.endswith("hz") or known_unit(time if slash else unit)
+    return _HERTZ.get(unit, nan if other else None)
+
+
+def _seconds(unit: str) -> float | None:
+    """Return a unit of sampling intervals [s]; NaN for another unit, None for another word."""
+    known = known_unit(unit.removesuffix("/sample"))
+    if known in _STEP_UNITS:
+        return SECONDS_PER_UNIT[known]
+    return nan if known or _hertz(unit) is not None else None
+
+
+def _number(text: str, decimal_point: str) -> float:
+    """Return a number; NaN where its separators may stand between thousands."""
+    separators = re.findall(r"[^\deE+-]", text)
+    grouped = re.fullmatch(r"[1-9]\d{0,2}[.,]\d{3}", text) and "," in (*separators, decimal_point)
+    if len(separators) > 1 or not {".", ","}.issuperset(separators) or grouped:
+        return nan
     return float(text.replace(",", "."))
 
 
@@ -112,36 +177,33 @@ def stated_start_ns(lines: Sequence[str], time: TimeColumn = UNSTATED) -> int:
     time : TimeColumn, optional
         What is stated of dates beside the file.
     """
-    found = next((match for line in lines if (match := _START.search(line))), None)
-    if found is None:
-        return _other_start_ns(lines, time)
-    try:
-        moment = datetime.fromisoformat(found["moment"] + (found["zone"] or ""))
-    except ValueError:
+    moments = (found for line in lines if (found := _START.search(line)))
+    return next((start for found in moments if (start := _moment_ns(found, time))), 0)
+
+
+def _moment_ns(found: re.Match[str], time: TimeColumn) -> int:
+    """Return a moment in UTC [ns]; 0 where it, or what follows it, is not understood."""
+    text, line, end = found["moment"], found.string, found.end()
+    if (half := _HALF.match(line, end)) is not None:
+        text, end = f"{text} {half['half']}M", half.end()
+    zone = time.zone
+    behind = _ZONE.match(line, end)
+    if behind is not None and (stated := _zone_of(behind["zone"])) is not None:
+        zone, end = stated, behind.end()
+    if kind_of_text(text) != "moment" or _DONE.match(line, end) is None:
         return 0
-    zone, fold = zone_named(_zone(found, time)), int(time.second_hour)
-    aware = moment if moment.tzinfo else moment.replace(tzinfo=zone, fold=fold)
-    part = (found["part"] or ".")[1:]
-    return round(aware.timestamp()) * NANOSECONDS + int(f"{part:0<9}"[:9])
-
-
-def _zone(moment: re.Match[str], time: TimeColumn) -> str:
-    """Return the zone behind a moment, "10:00:00 MESZ"; the one stated beside the file else."""
-    behind = _ZONE_BEHIND.match(moment.string, moment.end())
-    return (zone_in_title(behind[0]) if behind else None) or time.zone
-
-
-def _other_start_ns(lines: Sequence[str], time: TimeColumn) -> int:
-    """Return a start that is not written as ISO 8601; 0 where day and month may be exchanged."""
-    found = next((match for line in lines if (match := _OTHER_START.search(line))), None)
-    if found is None or kind_of_text(found["moment"]) != "moment":
-        return 0
-    text = found["moment"]
     try:
         local = int(DateStyle.of([text], time.dates).nanoseconds(pa.array([text]))[0])
-        return local - zone_offset_ns(local, _zone(found, time), second=time.second_hour)
+        return local - zone_offset_ns(local, zone, second=time.second_hour)
     except DateError as error:
         log_once(f"the start of the measurement is left out; {error}")
     except pa.ArrowInvalid:
         pass
     return 0
+
+
+def _zone_of(text: str) -> str | None:
+    """Return the zone that "Z", "+0100", "GMT+2" or "MESZ" is; None for another word."""
+    if text[0] in "+-":
+        return zone_in_title(f"UTC{text}")
+    return zone_in_title("UTC" if text in ("Z", "z") else text)

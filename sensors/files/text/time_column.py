@@ -108,7 +108,7 @@ class Scale:
         if known is None:
             units = ", ".join(key for key in SECONDS_PER_UNIT if key)
             raise ClockError(f"is in [{unit}]; its unit can be {units}")
-        found = _convert_numbers(first, step) if not known else None
+        found = _scale_by_size(first, step) if not known else None
         scale = found or cls(SECONDS_PER_UNIT[known])
         if (
             not known
@@ -131,7 +131,7 @@ class Scale:
         return cls(scale.seconds, scale.origin, absolute=True)
 
 
-def _convert_numbers(first: float, step: float | None) -> Scale | None:
+def _scale_by_size(first: float, step: float | None) -> Scale | None:
     """Return the scale that the size of a number without a unit shows."""
     for least, unit in COUNTED_FROM_1970:
         if first > least:
@@ -202,8 +202,8 @@ class TextClock:
                 stamps = self._in_utc(stamps)
             seconds = self._of_nanoseconds(stamps, dated=True)
         elif pa.types.is_duration(kind) or pa.types.is_time(kind):
-            join_chunks = pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
-            seconds = self._of_nanoseconds(_nanoseconds(column, join_chunks), dated=False)
+            nanosecond_kind = pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
+            seconds = self._of_nanoseconds(_nanoseconds(column, nanosecond_kind), dated=False)
         elif pa.types.is_decimal(kind):
             seconds = self._of_decimals(column)
         elif pa.types.is_integer(kind):
@@ -283,10 +283,10 @@ def _nanoseconds(column: pa.Array, kind: pa.DataType) -> NDArray[np.int64]:
     if pa.types.is_timestamp(column.type):
         kind = pa.timestamp("ns", tz=column.type.tz)
     try:
-        join_chunks = column.cast(kind).cast(pa.int64())
+        counts = column.cast(kind).cast(pa.int64())
     except pa.ArrowInvalid as error:
         raise ClockError("has a date that 64 bits of nanoseconds do not hold") from error
-    return integers_of(join_chunks)
+    return integers_of(counts)
 
 
 def parse_start_ns(number: int | float) -> int:

@@ -171,6 +171,11 @@ def test_what_cannot_stand_side_by_side_is_refused(channels: list[Any], reason: 
         (f"{START}.25+01:00", -3600 * 10**9 + 250_000_000),
         (f"{START}.123456789", 123_456_789),
         (f"{START}.1234567899", 123_456_789),
+        ("2024-03-01.12:00:00", 0),
+        (f"{START},75", 750_000_000),
+        (f"{START},123456789+01:00", -3600 * 10**9 + 123_456_789),
+        ("20240301T120000,75Z", 750_000_000),
+        ("01-Mar-2024 13:00:00,75 CET", 750_000_000),
         (" 01-Mar-2024 12:00:00 ", 0),
         ("01-Dec-2024 12:00:00.5", 275 * 86_400 * 10**9 + 500_000_000),
         (datetime(2024, 3, 1, 12), 0),
@@ -188,5 +193,6 @@ def test_a_start_is_utc_to_the_nanosecond_unless_it_states_a_zone(
 def test_a_start_without_a_zone_is_in_the_one_that_is_stated_beside_it() -> None:
     assert timestamp_ns(START, PATH, "Europe/Berlin") == START_NS - 3600 * 10**9
     assert timestamp_ns(None, PATH) == 0
-    with pytest.raises(FileError, match="its start is 'noon'"):
-        timestamp_ns("noon", PATH)
+    for odd in ("noon", "2024-03-01T12:00,5"):
+        with pytest.raises(FileError, match=f"its start is '{odd}'"):
+            timestamp_ns(odd, PATH)
