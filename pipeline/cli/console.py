@@ -153,9 +153,18 @@ def zenoh_settings(
     Raises
     ------
     InputError
-        If the mode is unknown, or set by a file.
+        If the mode is unknown, or set by a file; for an endpoint that is none.
     """
     from pipeline.transport.zenoh_bus import ZenohSettings
+    from pipeline.transport.zenoh_settings import is_endpoint
+
+    for option, endpoints in (("--listen", listen), ("--connect", connect)):
+        for endpoint in endpoints or ():
+            if not is_endpoint(endpoint):
+                raise InputError(
+                    f"{option} {endpoint}: no endpoint; one is a protocol, a host and a port, as "
+                    "in tcp/192.0.2.1:7447"
+                )
 
     if config is not None and mode != "peer":
         raise InputError(f"--mode {mode} and --zenoh-config {config}: the file sets the mode")

@@ -257,8 +257,8 @@ def _print_session(session: Any, source: Any) -> None:
         f"{_measured(figures)} in {timing['wall_s']:.1f} s"
     )
     output.print("Written: " + ", ".join(str(path) for path in session.files), soft_wrap=True)
-    if any(path.suffix == ".rrd" for path in session.files):
-        output.print(f"Open it: rerun {session.files[1]}", soft_wrap=True)
+    for pictures in (path for path in session.files if path.suffix == ".rrd"):
+        output.print(f"Open it: rerun {pictures}", soft_wrap=True)
 
 
 def _measured(figures: dict[str, Any]) -> str:

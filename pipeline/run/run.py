@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.app import Outputs, build
@@ -95,9 +95,17 @@ def run_session(
     """
     make_folder(options.out)
     with owned(options.out, fresh=options.fresh) as ownership:
-        source = prepare_folder(source, options.out)
         run = _Run(source, options, ownership, report, scenario_option, stopping)
         return run.finished()
+
+
+@dataclass(frozen=True, slots=True)
+class _Doors:
+    """How the parts of a session find each other, and whom anybody can ask."""
+
+    meeting: ZenohEndpoints
+    status: StatusNode
+    bus: ZenohBus
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,31 +120,69 @@ class _Run:
     stopping: threading.Event | None
 
     def finished(self) -> FinishedRun:
-        """Run until the source has ended; what came out."""
-        started = time.monotonic()
-        source, out = self.source, self.options.out
-        if self.options.fresh or not source.is_live:  # a replay is an experiment of its own
-            set_checkpoints_aside(out)
-            set_tracks_aside(out)
-        goes_on = source.is_live and not self.options.fresh
-        earlier = tuple(raw_files(out / RECORDING)) if goes_on else ()
-        outputs = session_outputs(source, self.options, earlier, epoch=self.ownership.epoch)
-        summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
-        try:
-            with ExitStack() as stack:
-                self._run(outputs, summary, (summary, *_sinks_beside(self.options, stack)))
-        finally:
-            figures = summary.as_json(wall=time.monotonic() - started)
-            complete = write_summary(out / SUMMARY, figures)
+        """Run until the source has ended; what came out.
+
+        What can be refused (options, a port that is taken) is asked for before the files of an
+        earlier session are touched: a mistake costs nothing.
+        """
+        started, out = time.monotonic(), self.options.out
+        self._require_possible()
+        with ExitStack() as stack:
+            doors = None if self.options.way == "lock-step" else self._opened(stack)
+            beside = (*_sinks_beside(self.options, stack),)
+            prepared = replace(self, source=prepare_folder(self.source, out))
+            outputs = prepared._outputs()
+            source = prepared.source
+            summary = SessionSummary(source.text, source.layout.turbine, live=source.is_live)
+            try:
+                prepared._run(outputs, summary, (summary, *beside), doors)
+            finally:
+                figures = summary.as_json(wall=time.monotonic() - started)
+                complete = write_summary(out / SUMMARY, figures)
         written = (out / name for name in (RECORDING, PICTURES, SUMMARY))
         files = tuple(path for path in written if path.exists())
         return FinishedRun(summary, figures, files, complete)
 
-    def _run(self, outputs: Outputs, summary: SessionSummary, sinks: Sequence[Node]) -> None:
+    def _require_possible(self) -> None:
+        """Raises InputError for options that go with no such run."""
         source, options = self.source, self.options
-        graph = build(source.scenario, source.layout, outputs, source.layouts)
         require_processes(options)
-        graph = _here(graph, source, options.elsewhere)
+        if options.way == "lock-step" and source.is_live:
+            raise InputError("--lock-step cannot run a live source, which does not wait")
+        _here(self._graph(session_outputs(source, options)), source, options.elsewhere)
+
+    def _opened(self, stack: ExitStack) -> "_Doors":
+        """What the session's parts meet at, and what it answers on; open until the stack closes."""
+        source = self.source
+        meeting, status = meeting_point(self.options.zenoh), StatusNode(source.text)
+        key = f"{STATUS_KEY}/{source.layout.turbine}"
+        return _Doors(
+            meeting, status, stack.enter_context(open_hub(meeting, status, key, self.options.out))
+        )
+
+    def _outputs(self) -> Outputs:
+        """Files and viewers; of a live source with what earlier runs left unanswered."""
+        source, options = self.source, self.options
+        if options.fresh or not source.is_live:  # a replay is an experiment of its own
+            set_checkpoints_aside(options.out)
+            set_tracks_aside(options.out)
+        goes_on = source.is_live and not options.fresh
+        earlier = tuple(raw_files(options.out / RECORDING)) if goes_on else ()
+        return session_outputs(source, options, earlier, epoch=self.ownership.epoch)
+
+    def _graph(self, outputs: Outputs) -> tuple[Plan, ...]:
+        source = self.source
+        return build(source.scenario, source.layout, outputs, source.layouts)
+
+    def _run(
+        self,
+        outputs: Outputs,
+        summary: SessionSummary,
+        sinks: Sequence[Node],
+        doors: "_Doors | None",
+    ) -> None:
+        source, options = self.source, self.options
+        graph = _here(self._graph(outputs), source, options.elsewhere)
 
         def count(block: AccelerationBlock) -> None:
             if not source.is_live:  # there the summary counts what it receives
@@ -144,42 +190,37 @@ class _Run:
             if self.report:
                 self.report(block)
 
-        if options.way != "lock-step":
-            return self._run_on_bus(graph, sinks, count)
-        if source.is_live:
-            raise InputError("--lock-step cannot run a live source, which does not wait")
+        if doors is not None:
+            return self._run_on_bus(graph, sinks, count, doors)
         nodes = [*(plan.make() for plan in graph), *sinks]
         messages = source.messages(options.speed, self.stopping)
         return run_lock_step(messages, nodes, turbine=source.layout.turbine, report=count)
 
     def _run_on_bus(
-        self, graph: Sequence[Plan], sinks: Sequence[Node], report: BlockReport
+        self, graph: Sequence[Plan], sinks: Sequence[Node], report: BlockReport, doors: "_Doors"
     ) -> None:
         source, options, stopping = self.source, self.options, self.stopping
-        meeting, turbine = meeting_point(options.zenoh), source.layout.turbine
+        turbine, bus = source.layout.turbine, doors.bus
         follows = options.speed == float("inf") and not source.is_live
-        status = StatusNode(source.text)
         control = ReplayControl(source, options.speed, stopping)
-        # The hub first: a port that is taken is reported before a node has started a file.
-        with open_hub(meeting, status, f"{STATUS_KEY}/{turbine}", options.out) as bus:
-            workers = [
-                *self._workers(graph, meeting),
-                *_threads((*sinks, status), meeting, turbine),
-            ]
-            for each in sinks:
-                if isinstance(each, AlarmNode):
-                    bus.answer(f"{ALARMS_KEY}/{turbine}", each.answer)
-            if not source.is_live:
-                bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
-            run_workers(
-                _messages(source, control, stopping),
-                workers,
-                bus,
-                turbine=turbine,
-                unacknowledged_blocks=UNACKNOWLEDGED_BLOCKS if follows else None,
-                report=report,
-                stopping=stopping,
-            )
+        workers = [
+            *self._workers(graph, doors.meeting),
+            *_threads((*sinks, doors.status), doors.meeting, turbine),
+        ]
+        for each in sinks:
+            if isinstance(each, AlarmNode):
+                bus.answer(f"{ALARMS_KEY}/{turbine}", each.answer)
+        if not source.is_live:
+            bus.answer(f"{REPLAY_KEY}/{turbine}", control.answer)
+        run_workers(
+            _messages(source, control, stopping),
+            workers,
+            bus,
+            turbine=turbine,
+            unacknowledged_blocks=UNACKNOWLEDGED_BLOCKS if follows else None,
+            report=report,
+            stopping=stopping,
+        )
 
     def _workers(self, graph: Sequence[Plan], meeting: ZenohEndpoints) -> Iterator[Worker]:
         """The nodes of the graph: in processes, which inherit the folder's lock, or in threads."""

@@ -16,6 +16,8 @@ ANY_LOCAL_PORT = f"tcp/{LOOPBACK}:0"
 LARGEST_MESSAGE = 16 * 2**20  # that a link takes in [bytes]: twice what the codec does
 FIRST_RETRY_MS = 100  # to connect to a hub that is not there yet
 LONGEST_RETRY_MS = 1000
+WITH_PORT = ("tcp", "tls", "udp", "quic", "ws")  # protocols whose endpoints are a host and a port
+HIGHEST_PORT = 65_535
 
 _MESSAGE_OF_ERROR = re.compile(r'msg: "(.*)", location', re.DOTALL)
 _SOURCE_OF_ERROR = re.compile(r"( at /\S+?:\d+\.?| \(os error \d+\))")  # inside zenoh's own code
@@ -52,6 +54,16 @@ class ZenohSettings:
         if self.connect or self.config_file is None:
             return self.connect
         return _in_file(configuration_file(self.config_file), "connect/endpoints")
+
+
+def is_endpoint(text: str) -> bool:
+    """Whether Zenoh can connect to an endpoint, or listen at it, as far as its text tells."""
+    protocol, _, rest = text.partition("/")
+    address = re.split("[?#]", rest)[0]  # without metadata and configuration
+    if protocol not in WITH_PORT:
+        return bool(protocol and address)
+    host, _, port = address.rpartition(":")
+    return bool(host) and port.isdecimal() and int(port) <= HIGHEST_PORT
 
 
 def hub(endpoint: str) -> ZenohSettings:

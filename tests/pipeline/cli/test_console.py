@@ -34,6 +34,22 @@ def test_no_text_is_markup_whatever_it_holds(text: str) -> None:
     assert not printed.spans
 
 
+@pytest.mark.parametrize(
+    "endpoint",
+    ["tcp/host", "tcp/127.0.0.1:99999", "tcp/:7447", "127.0.0.1:7447", "tcp/a:b", "", "x", "udp/"],
+)
+@pytest.mark.parametrize("option", ["listen", "connect"])
+def test_what_is_no_endpoint_is_refused_with_its_option(option: str, endpoint: str) -> None:
+    given = {"listen": None, "connect": None} | {option: ["tcp/a:1", endpoint]}
+    with pytest.raises(InputError, match=f"--{option} {endpoint}: no endpoint"):
+        zenoh_settings("peer", config=None, **given)
+
+
+def test_endpoints_of_every_protocol_are_taken() -> None:
+    several = ["tcp/[::1]:7447", "tls/a.example:0", "udp/a:1?x=1#iface=eth0", "unixpipe//tmp/a"]
+    assert zenoh_settings("peer", several, None, None).listen == tuple(several)
+
+
 def test_a_file_of_zenohs_sets_the_mode_and_no_option_besides() -> None:
     file = Path("zenoh.json5")
     assert zenoh_settings("peer", None, None, file).config_file == file

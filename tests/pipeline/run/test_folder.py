@@ -4,6 +4,7 @@ import errno
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,7 +16,7 @@ from pipeline.run.processes import node_command
 from pipeline.run.run import run_session, session_outputs
 from pipeline.sources.recorded_stream import Playback, SourceError
 from pipeline.sources.sources import Source, open_source, replayed, simulated
-from pipeline.transport.zenoh_bus import peer_of
+from pipeline.transport.zenoh_bus import hub, peer_of
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
@@ -35,6 +36,34 @@ def test_an_earlier_session_is_set_aside_under_its_date(
     assert {path.read_bytes() for path in kept} == {b"first", b"second"}
     assert not (tmp_path / "session.mcap").exists()
     assert len(list(tmp_path.glob("summary-*.json"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("mistake", "complaint"),
+    [
+        ({"zenoh": hub("tcp/127.0.0.1:99999")}, "invalid port value"),
+        ({"metrics": 99_999}, "99999"),
+        ({"elsewhere": ("updatings",)}, "--elsewhere updatings: there is no such node"),
+        ({"shards": 0, "way": "processes"}, "--shards is 0"),
+    ],
+)
+def test_a_mistake_in_the_options_leaves_an_earlier_session_as_it_was(
+    tmp_path: Path, short_recording: Path, mistake: dict[str, Any], complaint: str
+) -> None:
+    for name in ("session.mcap", "session.rrd", "summary.json"):
+        (tmp_path / name).write_text(name)
+    (tmp_path / "checkpoints").mkdir()
+    options = replace(SessionOptions(out=tmp_path, way="threads"), **mistake)
+    with pytest.raises(InputError, match=complaint):
+        run_session(replayed(short_recording), options)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "session.mcap",
+        "session.rrd",
+        "summary.json",
+        "checkpoints",
+        "lock",
+    }
+    assert (tmp_path / "summary.json").read_text() == "summary.json"
 
 
 def test_what_a_crash_left_is_set_aside_too(tmp_path: Path, short_recording: Path) -> None:
