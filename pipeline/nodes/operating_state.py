@@ -22,6 +22,7 @@ from pipeline.oma.data_quality.turning_rotor import SLOWEST
 from sensors.acquisition.layout import SensorLayout, turning_matrix
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
+from sensors.directions import mean_direction, turned_from
 from sensors.errors import InputError
 
 OPERATING_STATES = ("parked", "idling", "start", "operating", "stop")
@@ -74,13 +75,14 @@ class OperationLog:
         states = list(dict.fromkeys(sample.state for sample in samples))
         yaws = np.array([sample.yaw for sample in samples])
         known = yaws[np.isfinite(yaws)]
+        known = turned_from(known, mean_direction(known))
         steady = len(states) == 1 and (not known.size or np.ptp(known) <= STEADY_YAW)
         return replace(
             estimate,
             operating_state=states[0] if steady else CHANGING,
             wind_speed=float(np.mean([sample.wind_speed for sample in samples])),
             rotor_speed=float(np.mean([sample.rotor_speed for sample in samples])),
-            yaw=float(np.mean(yaws)),
+            yaw=mean_direction(yaws),
             water_level=float(np.mean([sample.water_level for sample in samples])),
         )
 
@@ -177,7 +179,7 @@ def in_nacelle_axes(estimate: ModalEstimate, layout: SensorLayout) -> ModalEstim
     the horizontal motion there, whatever their directions; it is read again along the layout's own
     directions after a turn by −yaw.
     """
-    if not np.isfinite(estimate.yaw) or abs(estimate.yaw) < 1e-9:
+    if not np.isfinite(estimate.yaw) or abs(math.remainder(estimate.yaw, 360.0)) < 1e-9:
         return estimate
     by_name = {channel.name: channel for channel in layout.channels}
     if not by_name.keys() >= set(estimate.channels):

@@ -16,7 +16,7 @@ from pipeline.offline.stopped_runs import stopped_runs
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.latest_messages import files_of, readable_messages
 from pipeline.recording.reader import decoded, read_metadata, recorded_messages
-from pipeline.recording.rotation import RESULTS, SESSION_FILE
+from pipeline.recording.rotation import RESULTS, SESSION_FILE, repeats_part
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from pipeline.runtime.snapshots import ANSWERS, FOLDER, parsed
 from pipeline.scenario import scenario_from_metadata
@@ -217,7 +217,8 @@ def recordings_of(folder: Path) -> list[Path]:
     gone is there by its results."""
     stem = Path(SESSION_FILE).stem
     found = {*folder.glob(f"{stem}*.mcap"), *files_of(folder / SESSION_FILE)}
-    return sorted(found, key=lambda file: (file.stat().st_mtime_ns, RESULTS in file.name))
+    once = [file for file in found if not repeats_part(file)]
+    return sorted(once, key=lambda file: (file.stat().st_mtime_ns, RESULTS in file.name))
 
 
 def _has_structure(files: list[Path]) -> bool:

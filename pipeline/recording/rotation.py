@@ -79,16 +79,43 @@ def results_of(part: Path) -> Path:
     return part.with_name(f"{part.stem}{RESULTS}{part.suffix}")
 
 
+def repeats_part(file: Path) -> bool:
+    """Whether a file has the results of a part that is still there: a kill came before that went.
+
+    The part's metadata are in it: dates in the names of two starts could be the same.
+    """
+    part = _part_of_results(file)
+    if part is None or not (part.exists() and file.exists()):
+        return False
+    return _metadata(file) == _metadata(part)
+
+
+def _part_of_results(file: Path) -> Path | None:
+    """Path of the part that a file has the results of, by its name; None for another file."""
+    ending = f"{RESULTS}{file.suffix}"
+    if not file.name.endswith(ending):
+        return None
+    return file.with_name(file.name.removesuffix(ending) + file.suffix)
+
+
 def close_leftovers(path: Path) -> Iterator[Path]:
     """Give every part that a killed recorder left behind its ending and its name.
 
-    Yields the files that are whole now. What is no recording at all is left as it is.
+    Yields the files that are whole now. What is no recording at all is left as it is; results of a
+    part that is still there, whole or not, are removed: they are made again when it has to go.
     """
     for active in sorted(path.parent.glob(f"{path.stem}*{path.suffix}{ACTIVE_SUFFIX}")):
         try:
-            yield closed_in_place(active)
+            part = _part_of_results(active.with_name(active.name.removesuffix(ACTIVE_SUFFIX)))
+            if part is not None and part.exists():
+                active.unlink()
+            else:
+                yield closed_in_place(active)
         except (RecordingError, OSError) as error:
             logger.warning("%s stays as it is: %s", active, error)
+    for results in path.parent.glob(f"{path.stem}*{RESULTS}{path.suffix}"):
+        if repeats_part(results):
+            results.unlink()
 
 
 def closed_in_place(active: Path) -> Path:
@@ -146,19 +173,29 @@ def thin(path: Path, settings: RecordingSettings, now_ns: int, *, needed: int = 
     Pictures of past days, which can be drawn again from the samples, go by age, too, and before any
     sample where there is no room.
     """
-    gone: list[Path] = []
     if not settings.may_delete:
-        return gone
+        return []
     needed -= _without_pictures(path, settings.keep_days, now_ns, needed)
-    files = {part: part.stat() for part in raw_files(path)}
+    return _without_samples(raw_files(path), settings, now_ns, needed)
+
+
+def _without_samples(
+    parts: Sequence[Path], settings: RecordingSettings, now_ns: int, needed: int
+) -> list[Path]:
+    """Replace parts by their results, the oldest first, until what is left is within the settings;
+    gives those that have gone. One that cannot be replaced stays and counts."""
+    gone: list[Path] = []
+    files = {part: part.stat() for part in parts}
     total = sum(stat.st_size for stat in files.values())
     for part in sorted(files, key=lambda each: files[each].st_mtime_ns):
         age = _age(files[part], now_ns)
         if age <= settings.keep_days and total <= settings.keep_gigabytes * 1e9 and needed <= 0:
             break
-        freed = files[part].st_size - keep_results(part)
-        total, needed = total - files[part].st_size, needed - freed
-        gone.append(part)
+        results = keep_results(part)
+        if results is not None:
+            total -= files[part].st_size
+            needed -= files[part].st_size - results.stat().st_size
+            gone.append(part)
     return gone
 
 
@@ -188,21 +225,27 @@ def raw_files(path: Path) -> list[Path]:
     return [each for each in found if not each.stem.endswith(RESULTS)]
 
 
-def keep_results(part: Path) -> int:
-    """Replace a part by one without acceleration blocks; gives the size of that [bytes]."""
+def keep_results(part: Path) -> Path | None:
+    """Replace a part by its results, a recording without acceleration blocks.
+
+    Returns the path of that; None where the part is kept whole: it is damaged, or there is no room.
+    """
     results = results_of(part)
+    results.with_name(results.name + ACTIVE_SUFFIX).unlink(missing_ok=True)  # left by a kill
+    if repeats_part(results):
+        results.unlink()
     try:
         with whole_recording(results, metadata=read_metadata(part)) as recorder:
             for recorded in recorded_messages(part):
                 if recorded.message_type is not AccelerationBlock:
                     message = decoded(part, recorded)
                     recorder.record(message, recorded.log_time, recorded.publish_time)
-    except RecordingError as error:  # damaged, or no room: what cannot be kept is not deleted
+    except RecordingError as error:
         logger.warning("%s is kept whole: %s", part, error)
-        return part.stat().st_size
+        return None
     part.unlink()
     logger.warning("the samples of %s have gone; its results are in %s", part, results)
-    return results.stat().st_size
+    return results
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,7 +287,8 @@ def latest_start(path: Path) -> list[Path]:
     """The closed parts of the latest start in a folder, results where samples have gone."""
     first = path / SESSION_FILE
     parts = [part_of(first, number) for number in range(1, next_part(first))]
-    return [file for part in parts for file in (part, results_of(part)) if file.exists()]
+    either = [part if part.exists() else results_of(part) for part in parts]
+    return [file for file in either if file.exists()]
 
 
 def _earlier_starts(folder: Path, latest: Sequence[Path]) -> list[list[Path]]:
@@ -256,7 +300,7 @@ def _earlier_starts(folder: Path, latest: Sequence[Path]) -> list[list[Path]]:
     found = [
         _EarlierFile(path, match["date"], int(match["part"] or 1), _metadata(path))
         for path in folder.glob("*.mcap")
-        if (match := _EARLIER.fullmatch(path.name))
+        if (match := _EARLIER.fullmatch(path.name)) and not repeats_part(path)
     ]
     places = [(file.epoch, file.part, RESULTS in file.path.name) for file in found]
     numbered = None not in {file.epoch for file in found} and len(set(places)) == len(places)

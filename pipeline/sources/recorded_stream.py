@@ -4,7 +4,8 @@ of it is replayed, and how often.
     files in order of time ─► each block once ─► range ─► again, later ─► source
 
 What is replayed from its middle is a session of its own that begins there, so that its first
-window does too. A second round is one more session, its time going on where the first one ended.
+window does too; where a unit starts again after that, its blocks keep their numbers. A second round
+is one more session, its time going on where the first one ended.
 """
 
 from collections import deque
@@ -18,10 +19,12 @@ from pipeline.recording.reader import read_messages
 from pipeline.recording.salvage import what_to_do
 from pipeline.recording.writer import ACTIVE_SUFFIX
 from sensors.acquisition.blocks import NANOSECONDS, RESTART_SILENCE, AccelerationBlock
+from sensors.acquisition.boots import BootCounter
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.replayed import LATEST_BLOCKS, ReplayedTower
 from sensors.acquisition.scada import ScadaSample
 from sensors.errors import InputError
+from sensors.intervals import Intervals
 
 READ_ON = RESTART_SILENCE  # behind the end: a block that came later is of another session [s]
 
@@ -75,10 +78,10 @@ class Playback:
             shift_ns += last_ns - first_ns
 
     def _part(self, messages: Iterable[SensorMessage]) -> Iterator[SensorMessage]:
-        """Yield what lies in the range, the blocks of each session counted from its first there."""
+        """Yield what lies in the range, the blocks of each boot counted from its first there."""
         origin_ns: int | None = None
         newest: dict[tuple[str, str], int] = {}  # turbine, unit → start of its latest block [ns]
-        firsts: dict[tuple[str, str, str], AccelerationBlock] = {}
+        counts: dict[tuple[str, str, str], _CountsInRange] = {}  # turbine, unit, session
         for message in messages:
             if isinstance(message, AccelerationBlock):
                 origin_ns = message.start_ns if origin_ns is None else origin_ns
@@ -87,8 +90,14 @@ class Playback:
                     return
             if isinstance(message, SensorLayout):
                 yield message
-            elif origin_ns is not None and self._has(message, origin_ns):
-                yield _renumbered(message, firsts) if self.start > 0 else message
+            elif origin_ns is not None:
+                inside = self._has(message, origin_ns)
+                if isinstance(message, AccelerationBlock) and self.start > 0:
+                    key = (message.turbine, message.unit, message.session)
+                    of_unit = counts.setdefault(key, _CountsInRange())
+                    message = of_unit.renumbered(message, is_inside=inside)
+                if inside:
+                    yield message
 
     def _is_over(self, newest_ns: Iterable[int], origin_ns: int) -> bool:
         """Whether every unit is so far behind the end that nothing late is to be expected."""
@@ -100,18 +109,39 @@ class Playback:
         return self.start <= (time_ns - origin_ns) / NANOSECONDS < self.end
 
 
-def _renumbered(
-    message: AccelerationBlock | ScadaSample,
-    firsts: dict[tuple[str, str, str], AccelerationBlock],
-) -> AccelerationBlock | ScadaSample:
-    if isinstance(message, ScadaSample):
-        return message
-    first = firsts.setdefault((message.turbine, message.unit, message.session), message)
-    return replace(
-        message,
-        first_sample=message.first_sample - first.first_sample,
-        sequence=message.sequence - first.sequence,
-    )
+class _CountsInRange:
+    """Numbers and samples of one unit's blocks under one session's name, counted from the range's
+    beginning; of a boot that begins inside, as the unit counted them."""
+
+    def __init__(self) -> None:
+        self._boots = BootCounter()
+        self._numbers: dict[int, Intervals] = {}  # of each boot's blocks
+        self._before: dict[int, tuple[int, int]] = {}  # by boot: blocks and samples, once inside
+
+    def renumbered(self, block: AccelerationBlock, *, is_inside: bool) -> AccelerationBlock:
+        """Return a block as it counts in the range; each is asked for, in the stream's order.
+
+        Outside of the range it stays as it is.
+        """
+        known = self._boots.boot
+        repeats = block.sequence in self._numbers.get(known, ())
+        boot = self._boots.boot_of(block, repeats=repeats)
+        began_before = boot in self._numbers
+        self._numbers.setdefault(boot, Intervals()).add(block.sequence)
+        if not is_inside:
+            return block
+        if boot not in self._before:
+            found_late = self._boots.also > 0  # its first blocks were counted with the boot before
+            counts = (block.sequence, block.first_sample) if began_before else (0, 0)
+            self._before[boot] = self._before.get(known, (0, 0)) if found_late else counts
+        blocks, samples = self._before[boot]
+        if block.sequence < blocks or block.first_sample < samples:
+            blocks, samples = self._before[boot] = (0, 0)  # of a boot that is not recognised yet
+        return replace(
+            block,
+            sequence=block.sequence - blocks,
+            first_sample=block.first_sample - samples,
+        )
 
 
 def _later(message: SensorMessage, shift_ns: int, number: int) -> SensorMessage:

@@ -5,8 +5,8 @@
     spool/lock              of the process that writes here
 
 A file goes when every block in it is acknowledged, the oldest also where all of them together are
-larger than allowed. What a power cut left half written is cut off; a record whose checksum does not
-hold is left out and counted.
+larger than allowed. What a power cut or a full disk left half written is cut off; a record whose
+checksum does not hold is left out and counted.
 """
 
 import fcntl
@@ -17,7 +17,9 @@ import re
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 from typing import BinaryIO
 
@@ -86,7 +88,7 @@ class Spool:
         self._counts: dict[int, int] = {}  # file → its blocks that wait
         self._sizes: dict[int, int] = {}  # file → [bytes]
         self._acknowledged: dict[SessionKey, RecordedUntil] = {}
-        self._file: BinaryIO | None = None
+        self._file: FileIO | None = None  # in writing
         self.is_synced = True
         """Whether a power cut costs nothing of what was appended."""
         try:
@@ -130,7 +132,7 @@ class Spool:
         Raises
         ------
         OSError
-            Where the disk refuses.
+            Where the disk refuses; nothing of the block is in the spool then.
         """
         key = (block.turbine, block.unit, block.session)
         known = self._acknowledged.get(key)
@@ -138,9 +140,12 @@ class Spool:
             return
         file = self._open_file()
         offset = file.tell()
-        file.write(_RECORD.pack(len(payload), zlib.crc32(payload)) + payload)
         self.is_synced = False
-        file.flush()  # to the system: a kill costs nothing then
+        try:
+            _write_all(file, _RECORD.pack(len(payload), zlib.crc32(payload)) + payload)
+        except OSError:
+            self._cut_back(file, offset)
+            raise
         self._sizes[self._number] = file.tell()
         self._add(SpooledBlock(key, block.sequence, block.start_ns, self._number, offset, now))
         while self.size > self._most_bytes and len(self._sizes) > 1:
@@ -149,7 +154,6 @@ class Spool:
     def sync(self) -> None:
         """Have what was appended survive a power cut. Raises OSError where the disk refuses."""
         if self._file is not None and not self.is_synced:
-            self._file.flush()
             os.fsync(self._file.fileno())
             self.is_synced = True
 
@@ -173,8 +177,6 @@ class Spool:
 
     def read(self, spooled: SpooledBlock) -> AccelerationBlock | None:
         """Return the block; None, and it is let go of, where its record is damaged."""
-        if self._file is not None and spooled.file == self._number:
-            self._file.flush()
         try:
             with self._path(spooled.file).open("rb") as file:
                 payload = _payload_at(file, spooled.offset)
@@ -191,10 +193,7 @@ class Spool:
         try:
             self.sync()
         finally:
-            if self._file is not None:
-                self._file.close()
-                self._file = None
-                self._remove_if_done(self._number)
+            self._end_file()
             os.close(self._lock)
 
     # ---- files --------------------------------------------------------------------------------
@@ -202,20 +201,48 @@ class Spool:
     def _path(self, number: int) -> Path:
         return self.folder / f"{number:08d}.blocks"
 
-    def _open_file(self) -> BinaryIO:
-        if self._file is not None and self._sizes[self._number] < FILE_BYTES:
-            return self._file
-        if self._file is not None:
+    def _open_file(self) -> FileIO:
+        """The file in writing; the next one where that is full or there is none."""
+        if self._file is not None and self._sizes[self._number] >= FILE_BYTES:
             self.sync()
-            self._file.close()
-        ended, self._number = self._number, self._number + 1
-        self._file = self._path(self._number).open("xb")
-        self._file.write(FILE_HEAD)
-        self._sizes[self._number] = len(FILE_HEAD)
-        self._counts[self._number] = 0
-        sync_folder(self.folder)
-        self._remove_if_done(ended)
+            self._end_file()
+        if self._file is None:
+            self._number += 1  # also where it cannot be made: what is left of it may have its name
+            self._file = self._new_file(self._path(self._number))
+            self._sizes[self._number] = len(FILE_HEAD)
+            self._counts[self._number] = 0
         return self._file
+
+    def _new_file(self, path: Path) -> FileIO:
+        # Without a buffer: a kill costs no record, and what the disk refused is not written later.
+        file = path.open("xb", buffering=0)
+        try:
+            _write_all(file, FILE_HEAD)
+            sync_folder(self.folder)
+        except OSError:
+            file.close()
+            with suppress(OSError):
+                path.unlink()
+            raise
+        return file
+
+    def _end_file(self) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+            self._remove_if_done(self._number)
+
+    def _cut_back(self, file: FileIO, offset: int) -> None:
+        """Have a file end where a record began that the disk took half of: what follows half a
+        record cannot be read."""
+        try:
+            file.truncate(offset)
+            file.seek(offset)
+        except OSError as error:
+            logger.warning("%s ends within a record: %s", self._path(self._number), error)
+            with suppress(OSError):
+                self.sync()
+            self._end_file()
 
     def _load(self, number: int, path: Path) -> None:
         """What an earlier process left in a file."""
@@ -318,6 +345,13 @@ def _locked(folder: Path) -> int:
 def _files(folder: Path) -> list[tuple[int, Path]]:
     numbered = [path for path in folder.glob("*.blocks") if path.stem.isdigit()]
     return sorted((int(path.stem), path) for path in numbered)
+
+
+def _write_all(file: FileIO, content: bytes) -> None:
+    """Write to a file without a buffer, which may take a part at a time."""
+    rest = memoryview(content)
+    while rest:
+        rest = rest[file.write(rest) :]
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, bytes | None]]:

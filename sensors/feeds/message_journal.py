@@ -159,11 +159,21 @@ class MessageJournal:
     def _write(self, record: bytes) -> None:
         if self._file < 0 or not record:
             return
+        end = os.fstat(self._file).st_size
         try:
-            if os.write(self._file, record) < len(record):  # what follows half a record is not read
+            if os.write(self._file, record) < len(record):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        except OSError as error:  # a full disk costs the journal, not the samples
+        except OSError as error:  # a full disk costs this record, not the samples
             logger.error("%s: received messages cannot be kept: %s", self._path, error)
+            self._cut_back(end)
+
+    def _cut_back(self, end: int) -> None:
+        """Have the file end where a record began that the disk took half of: what follows half a
+        record is not read. A new file instead would end the older one, needed or not."""
+        try:
+            os.ftruncate(self._file, end)
+            os.lseek(self._file, end, os.SEEK_SET)
+        except OSError:
             self.close()
 
 

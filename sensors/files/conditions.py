@@ -12,6 +12,7 @@ import numpy as np
 
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.scada import ScadaSample
+from sensors.directions import DirectionSum
 from sensors.files.block_builder import MeasurementFile
 from sensors.files.channel_names import (
     PITCH_ANGLE,
@@ -118,7 +119,9 @@ def read_conditions(
     names = tuple(dict.fromkeys(each.name for each in channels.values()))
     factors = np.array([each.factor for each in channels.values()])
     columns = [names.index(each.name) for each in channels.values()]
+    yaw = list(channels).index("yaw") if "yaw" in channels else None
     sums: dict[int, np.ndarray] = {}  # by period: (2, n_fields) sum and number of values
+    yaws: dict[int, DirectionSum] = {}  # by period
     for file in files:
         own = replace(file, names=names, wanted=replace(file.wanted, names=frozenset(names)))
         for chunk in own.chunks():
@@ -131,9 +134,14 @@ def read_conditions(
                 counted = np.isfinite(inside)
                 part = np.array([np.where(counted, inside, 0.0).sum(axis=0), counted.sum(axis=0)])
                 sums[int(period)] = sums.get(int(period), np.zeros(part.shape)) + part
+                if yaw is not None:
+                    known = inside[counted[:, yaw], yaw]
+                    yaws[int(period)] = yaws.get(int(period), DirectionSum()).plus(known)
     for period in sorted(sums):
         total, count = sums[period]
         means = np.divide(total, count, out=np.full(total.shape, math.nan), where=count > 0)
+        if yaw is not None:
+            means[yaw] = yaws[period].mean
         yield _sample(
             turbine, period * SCADA_PERIOD, dict(zip(channels, means.tolist(), strict=True))
         )

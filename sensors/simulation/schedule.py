@@ -45,7 +45,8 @@ class ScheduleStep:
     """Peak period [s]."""
 
     yaw: float | None = None
-    """Yaw of the nacelle, from tower axis x towards y [deg]."""
+    """Yaw of the nacelle, from tower axis x towards y [deg]. It turns straight from one step's
+    number to the next one's: from 350 to 370 through north, from 350 to 10 the long way."""
 
     def __post_init__(self) -> None:
         for name in ("wind_speed", "peak_period"):

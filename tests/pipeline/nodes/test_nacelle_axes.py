@@ -33,3 +33,11 @@ def test_one_axis_at_a_height_cannot_be_turned() -> None:
     single = SensorLayout("one", "t1", "tower", LAYOUT.channels[:1])
     with pytest.raises(InputError, match="one direction only at 41 m"):
         turning_matrix(single, 10.0)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 360.0, -360.0])
+def test_a_nacelle_along_the_towers_axis_is_not_turned(yaw: float) -> None:
+    """Nor does it need two axes at a height."""
+    single = SensorLayout("one", "t1", "tower", LAYOUT.channels[:1])
+    along = replace(estimate(mode(0.16, np.ones(1))), channels=(LAYOUT.channels[0].name,), yaw=yaw)
+    assert in_nacelle_axes(along, single) is along

@@ -48,6 +48,18 @@ def test_a_window_in_which_the_state_or_the_yaw_changes_is_changing() -> None:
     assert with_conditions(sample(0), sample(300, yaw=2.1)).operating_state == CHANGING
 
 
+@pytest.mark.parametrize("towards", [0.0, 45.0, 180.0, -90.0])
+def test_a_nacelle_that_stands_towards_any_direction_is_steady(towards: float) -> None:
+    """Controllers report 0 to 360: towards north, 359.8 and 0.2 are close."""
+    yaws = [towards + 0.2 * (-1) ** number for number in range(60)]
+    yaws = yaws if towards < 0 else [yaw % 360 for yaw in yaws]
+    found = with_conditions(*(sample(10 * number, yaw=yaw) for number, yaw in enumerate(yaws)))
+    assert found.operating_state == "parked"
+    assert found.yaw == pytest.approx(towards, abs=1e-6)
+    turning = with_conditions(sample(0, yaw=359.0), sample(300, yaw=1.5))
+    assert turning.operating_state == CHANGING
+
+
 def test_a_turbine_without_a_controllers_stream_has_windows_of_unknown_state() -> None:
     told = with_conditions()
     assert told.operating_state == ""

@@ -11,13 +11,23 @@ from pathlib import Path
 import pytest
 
 from pipeline.messages import Message, RecordedUntil, StreamEnd, WindowRejected
+from pipeline.offline.audit import recordings_of
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.latest_messages import latest_payloads
 from pipeline.recording.mcap_file import counted_in_summary
 from pipeline.recording.reader import read_messages, read_metadata
-from pipeline.recording.rotation import next_part, parts_of, raw_files, thin
+from pipeline.recording.rotation import (
+    close_leftovers,
+    next_part,
+    parts_of,
+    raw_files,
+    results_of,
+    session_in,
+    thin,
+)
 from pipeline.recording.session_recorder import SYNCED_EVERY, SessionRecorder
 from pipeline.recording.settings import RecordingSettings
+from pipeline.recording.writer import whole_recording
 from pipeline.runtime.lock_step import NodeAccount
 from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import AccelerationBlock
@@ -113,6 +123,71 @@ def test_samples_go_after_as_many_days_as_they_are_kept(tmp_path):
     assert len(parts) > 2
     assert gone == parts[:2]
     assert sorted(raw_files(tmp_path / "session.mcap")) == sorted(parts[2:])
+
+
+KILLED_AT_RESULTS = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, {root!r})
+from pipeline.recording import rotation
+kill = lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)
+if {whole}:
+    Path.unlink = lambda self, **_: str(self) == {part!r} and kill()  # once the results are whole
+else:
+    rotation.decoded = kill
+rotation.keep_results(Path({part!r}))
+"""
+
+
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_a_kill_while_results_are_made_leaves_the_part_to_go_later(tmp_path, is_whole):
+    path = tmp_path / "session.mcap"
+    recorded(tmp_path, 30, rotate_after=10.0)
+    parts = parts_of(path)
+    script = KILLED_AT_RESULTS.format(
+        root=str(Path(__file__).parents[3]), whole=is_whole, part=str(parts[0])
+    )
+    done = subprocess.run([sys.executable, "-c", script], timeout=60, check=False)
+    assert done.returncode == -signal.SIGKILL
+    left = results_of(parts[0])
+    left = left if is_whole else left.with_name(f"{left.name}.active")
+    assert left.exists()
+    assert session_in(tmp_path)[0] == recordings_of(tmp_path) == parts
+
+    assert list(close_leftovers(path)) == []
+    assert not left.exists()
+    assert thin(path, RecordingSettings(keep_gigabytes=1e-9), START_NS) == parts
+    assert all_same(list(read_messages(results_of(parts[0]), (WindowRejected,))), [rejection(0)])
+    assert session_in(tmp_path)[0] == [results_of(part) for part in parts]
+
+
+def test_results_that_a_kill_left_are_replaced(tmp_path):
+    """As they are in folders of versions that closed unfinished results as if they were whole."""
+    path = tmp_path / "session.mcap"
+    recorded(tmp_path, 30, rotate_after=10.0)
+    first, *_ = parts = parts_of(path)
+    for left in (results_of(first), results_of(first).with_name("session.results.mcap.active")):
+        with whole_recording(tmp_path / "cut.mcap", metadata=METADATA):
+            pass
+        (tmp_path / "cut.mcap").rename(left)
+    assert session_in(tmp_path)[0] == recordings_of(tmp_path) == parts
+    assert thin(path, RecordingSettings(keep_gigabytes=1e-9), START_NS) == parts
+    assert all_same(list(read_messages(results_of(first), (WindowRejected,))), [rejection(0)])
+
+
+def test_a_part_that_cannot_go_counts_and_the_next_ones_go(tmp_path, caplog):
+    path = tmp_path / "session.mcap"
+    recorded(tmp_path, 60, rotate_after=10.0)
+    first, *others = parts_of(path)
+    content = bytearray(first.read_bytes())
+    content[len(content) // 2] ^= 4
+    oldest = first.stat().st_mtime_ns - 10 * SECOND
+    first.write_bytes(content)
+    os.utime(first, ns=(oldest, oldest))
+    kept = RecordingSettings(keep_gigabytes=(first.stat().st_size + 10) * 1e-9)
+    assert thin(path, kept, START_NS) == others
+    assert raw_files(path) == [first]
+    assert f"{first} is kept whole" in caplog.text
 
 
 def test_without_a_word_about_keeping_nothing_is_deleted(tmp_path):

@@ -15,6 +15,7 @@ from pipeline.runtime.source_feed import with_end
 from pipeline.sources.recorded_stream import Playback, SourceError, recordings_in
 from pipeline.sources.session_files import one_recording
 from pipeline.sources.sources import replayed, simulated
+from pipeline.transport.codec import encode
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.errors import InputError
 from tests.pipeline.example_messages import START_NS, block, same
@@ -60,6 +61,52 @@ def test_a_range_holds_its_blocks_and_counts_them_from_its_beginning(short_recor
     assert [block.sequence for block in played] == list(range(60))
     assert played[0].first_sample == 0
     assert played[0].start_ns == blocks_of(whole)[30].start_ns
+
+
+def booted(*boots: tuple[int, range]) -> list[AccelerationBlock]:
+    """Blocks of a unit under one session's name: of each boot its second and its numbers."""
+    n_samples = len(block(0).samples)
+    return [
+        replace(
+            block(number),
+            first_sample=number * n_samples,
+            start_ns=START_NS + (second + number - numbers.start) * SECOND,
+        )
+        for second, numbers in boots
+        for number in numbers
+    ]
+
+
+def numbers_from(start: float, blocks: list[AccelerationBlock]) -> list[int]:
+    """Of the blocks that are played; their first samples follow them."""
+    played = [
+        each
+        for each in Playback(start).of(lambda: blocks)
+        if isinstance(each, AccelerationBlock) and encode(each)
+    ]
+    n_samples = len(block(0).samples)
+    assert [each.first_sample for each in played] == [each.sequence * n_samples for each in played]
+    return [each.sequence for each in played]
+
+
+@pytest.mark.parametrize(
+    ("start", "boots", "numbers"),
+    [
+        (10.0, [(0, range(20)), (30, range(5))], [*range(10), *range(5)]),
+        (32.0, [(0, range(20)), (30, range(5))], [*range(3)]),
+        (10.0, [(0, range(20)), (30, range(5)), (40, range(3))], [*range(10), *range(5), 0, 1, 2]),
+        (10.0, [(0, range(20)), (30, range(12, 20))], [*range(10), *range(2, 10)]),
+        (10.0, [(0, range(12)), (30, range(7, 20))], [*range(2), *range(7, 20)]),
+        (5.0, [(0, range(3, 20))], [*range(12)]),
+    ],
+    ids=["restarted", "from within the second", "twice", "late", "late and below", "cut before"],
+)
+def test_a_range_counts_each_boot_of_a_unit_by_itself(
+    start: float, boots: list[tuple[int, range]], numbers: list[int]
+) -> None:
+    """The boot in which the range begins from there, later ones as the unit did; one of which the
+    first blocks are missing, and that shows by its stamps alone, as what came before it."""
+    assert numbers_from(start, booted(*boots)) == numbers
 
 
 def test_rounds_follow_each_other_in_time_as_sessions_of_their_own(short_recording: Path):

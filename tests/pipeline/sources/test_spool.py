@@ -1,5 +1,8 @@
 """The spool of a unit: kept until acknowledged, whole after a power cut, never too large."""
 
+import errno
+import os
+from io import FileIO
 from pathlib import Path
 
 import pytest
@@ -160,3 +163,69 @@ def test_a_block_is_read_back_before_anything_was_synced(tmp_path: Path) -> None
     assert read is not None
     assert encode(read) == encode(block(0))
     assert spool.damaged == 0
+
+
+class FullDisk:
+    """A file on a disk that takes so many more bytes, and perhaps no cutting off."""
+
+    def __init__(self, file: FileIO, room: int, *, is_cut: bool = True) -> None:
+        self.file, self.room, self.is_cut = file, room, is_cut
+
+    def write(self, content: memoryview) -> int:
+        if not self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        taken = self.file.write(content[: self.room])
+        self.room -= taken
+        return taken
+
+    def truncate(self, size: int) -> int:
+        if not self.is_cut:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return self.file.truncate(size)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.file, name)
+
+
+@pytest.mark.parametrize("is_cut", [True, False])
+def test_a_disk_that_is_full_for_a_moment_costs_that_block_alone(
+    tmp_path: Path, is_cut: bool
+) -> None:
+    spool = filled(tmp_path, 2)
+    file = spool._file
+    assert file is not None
+    spool._file = FullDisk(file, 100, is_cut=is_cut)  # type: ignore[assignment]
+    with pytest.raises(OSError, match="No space left"):
+        spool.append(block(2), encode(block(2)), 0.0)
+    if spool._file is not None:
+        spool._file = file  # there is room again
+    for number in (3, 4, 5):
+        spool.append(block(number), encode(block(number)), 0.0)
+    assert [kept and kept.sequence for kept in map(spool.read, spool.waiting())] == [0, 1, 3, 4, 5]
+    spool.close()
+    again = Spool(tmp_path)
+    assert waiting(again) == [0, 1, 3, 4, 5]
+    assert again.damaged == (not is_cut)  # half a record is seen once, and costs nothing else
+    again.close()
+
+
+def test_where_no_file_can_be_begun_the_next_try_begins_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "FILE_BYTES", 1)  # each block has its file
+    spool = filled(tmp_path, 1)
+    refusal = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def refuse(*_: object, **__: object) -> None:
+        raise refusal
+
+    for place, name in ((Path, "open"), (module, "sync_folder")):
+        with monkeypatch.context() as full:
+            full.setattr(place, name, refuse)
+            with pytest.raises(OSError, match="No space left"):
+                spool.append(block(1), encode(block(1)), 0.0)
+    spool.append(block(2), encode(block(2)), 0.0)
+    spool.close()
+    again = Spool(tmp_path)
+    assert (waiting(again), again.damaged) == ([0, 2], 0)
+    again.close()

@@ -127,6 +127,23 @@ def test_a_disk_that_takes_half_a_record_costs_no_record_behind_it(
     assert [payload for _, payload in messages] == [b"0", b"2"]
 
 
+def test_a_disk_that_stays_full_costs_no_message_from_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, _ = journal(tmp_path)
+    kept.resumed()
+    write = os.write
+    kept.keep("t", b"0")
+    with monkeypatch.context() as full:
+        full.setattr(os, "write", lambda file, data: write(file, data[: len(data) // 2]))
+        for number in range(1, 5):
+            kept.keep("t", b"%d" % number)
+    kept.keep("t", b"5")
+    kept.close()
+    _, messages = journal(tmp_path)[0].resumed()
+    assert [payload for _, payload in messages] == [b"0", b"5"]
+
+
 def test_what_a_broker_sends_again_after_a_kill_is_known(tmp_path: Path) -> None:
     kept, _ = journal(tmp_path)
     kept.resumed()

@@ -81,6 +81,19 @@ def test_samples_are_means_of_ten_seconds_and_the_rest_is_unknown(tmp_path: Path
     assert found[0].state == ""
 
 
+def test_a_mean_yaw_towards_north_is_north(tmp_path: Path) -> None:
+    path = tmp_path / "tower.csv"
+    times = np.arange(400) / 20
+    yaw = np.where(times < 10, 0.3 * (-1.0) ** np.arange(400) % 360, 200.0)
+    table = np.column_stack([1_700_000_000 + times, np.sin(times), yaw])
+    np.savetxt(
+        path, table, delimiter=",", header="time,acc_85m_x,yaw [deg]", comments="", fmt="%.3f"
+    )
+    file, first = open_file(path)
+    found = list(read_conditions([file], condition_channels(first.names, first.units), "t1"))
+    assert [each.yaw for each in found] == [0.0, 200.0]
+
+
 @pytest.mark.parametrize(
     ("speed", "state"),
     [
