@@ -303,6 +303,7 @@ class TurbineIdentification:
             self._resumable = state
             for name, mark in state.marks.items():
                 self.units.named(name).admission.begin_after(mark)
+                self.units.named(name).monitor.resume(mark.session, mark.sequence)
         yield from self._answers[-REPEATED_ANSWERS:]
         for message in needed_messages(past, state.marks):
             yield from self.handle(message)

@@ -14,6 +14,7 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import islice
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -22,6 +23,7 @@ from pipeline.messages import QualityWarning
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
 from sensors.acquisition.resampling import HALF_LENGTH, interpolated
 from sensors.arrays import BoolArray, FloatArray
+from sensors.intervals import Intervals
 
 CLOCK_ERROR = 0.01  # of a converter's rate, at most [-]
 CORRECTED_DRIFT = 10e-6  # of stamps, beyond which samples are read at their instants [-]
@@ -33,7 +35,7 @@ CERTAIN_JUMP = 8.0  # median deviations of the jumps beyond which one is a step
 COMPARED_STAMPS = 5  # before and after a step; fewer that are off are late stamps
 MOST_STEPS_TAKEN_OUT = 5  # that are taken out of a line
 AT_ONCE = 1000  # samples that are read by one product: what a kernel's length of each of them takes
-REMEMBERED_BLOCKS = 600  # blocks by which a repeated one is recognised
+MOST_HOLES = 100  # in the numbers that have come; of more the oldest is forgotten
 CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps better than 1
 CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
 STILL_BLOCKS = 2  # blocks on end in which a channel that is alive never keeps one value
@@ -242,7 +244,7 @@ class BlockMonitor:
         self._session = session
         self._newest: AccelerationBlock | None = None
         self._rate = 1.0  # [Hz]
-        self._seen: deque[int] = deque(maxlen=REMEMBERED_BLOCKS)
+        self._seen = Intervals()  # numbers of blocks
         # first sample and start [ns] of blocks
         self._stamps: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_STAMPS)
         # first sample of a block, its still channel
@@ -252,6 +254,11 @@ class BlockMonitor:
         """The unit has started again: it counts from 0."""
         self._begin(self._session)
 
+    def resume(self, session: str, sequence: int) -> None:
+        """Go on after a restart of this program, which had a session's blocks before a number."""
+        self._begin(session)
+        self._seen.add(0, sequence)
+
     def note(self, block: AccelerationBlock) -> None:
         """Take a block that its unit has sent."""
         if block.session != self._session:
@@ -259,7 +266,7 @@ class BlockMonitor:
         if block.sequence in self._seen:
             self._counts["repeated"] += 1
             return
-        self._seen.append(block.sequence)
+        self._see(block.sequence)
         if self._newest is None or block.sequence > self._newest.sequence:
             self._newest = block
         else:
@@ -268,6 +275,12 @@ class BlockMonitor:
         self._rate = block.sampling_rate
         self._stamps.append((block.first_sample, block.start_ns))
         self._follow_still_channels(block)
+
+    def _see(self, sequence: int) -> None:
+        self._seen.add(sequence)
+        oldest = [*islice(self._seen, MOST_HOLES + 2)]
+        if len(oldest) > MOST_HOLES + 1:  # what the oldest hole lacks counts as seen
+            self._seen.add(oldest[0][0], oldest[1][1])
 
     def _follow_still_channels(self, block: AccelerationBlock) -> None:
         if len(block.samples) < FEWEST_OF_BLOCK:

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from pipeline.oma.windows.unit_clock import BlockMonitor
+from pipeline.oma.windows.unit_clock import MOST_HOLES, BlockMonitor
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import block
 
@@ -37,6 +37,26 @@ def test_a_block_is_late_by_how_far_the_newest_is_ahead_of_it() -> None:
         watch.note(block(sequence))
     counts = {each.code: each.text.split()[0] for each in watch.warnings_until(0)}
     assert counts == {"out-of-order": "1", "late": "1"}
+
+
+def test_what_was_there_before_a_restart_comes_twice_and_is_not_late() -> None:
+    watch = BlockMonitor(lateness=5.0)
+    watch.resume(block(0).session, 700)
+    for sequence in (*range(700, 2000), *range(20), *range(690, 900)):
+        watch.note(block(sequence))
+    counts = {each.code: each.text.split()[0] for each in watch.warnings_until(0)}
+    assert counts == {"repeated": "230"}
+
+
+def test_a_link_that_loses_every_other_block_costs_no_memory() -> None:
+    watch = BlockMonitor(lateness=5.0)
+    for sequence in range(0, 2 * MOST_HOLES + 10, 2):
+        watch.note(block(sequence))
+    assert len([*watch._seen]) == MOST_HOLES + 1
+    for sequence in (1, 2 * MOST_HOLES - 1, 2 * MOST_HOLES):
+        watch.note(block(sequence))
+    counts = {each.code: each.text.split()[0] for each in watch.warnings_until(0)}
+    assert counts == {"repeated": "2", "late": "1"}
 
 
 @pytest.mark.parametrize("ppm", [-40.0, 40.0])
