@@ -266,7 +266,21 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("identify noise.csv --window nan", "--window is nan s; it must be positive"),
     ("identify noise.csv --rotor-speed -3", "--rotor-speed is -3 rpm"),
     ("identify noise.csv --plot a.xyz", "Format 'xyz' is not supported"),
-    ("identify noise.csv --lowest-frequency -1", "it must be > 0"),
+    ("identify noise.csv --lowest-frequency -1", "--lowest-frequency is -1 Hz; it must be > 0"),
+    ("identify noise.csv --highest-frequency nan", "--highest-frequency is nan Hz"),
+    ("identify noise.csv --highest-frequency 200", "--highest-frequency is 200 Hz; a sampling"),
+    (
+        "identify noise.csv --lowest-frequency 9 --highest-frequency 8",
+        "--highest-frequency is 8 Hz, not above --lowest-frequency (9 Hz)",
+    ),
+    (
+        "identify noise.csv --highest-frequency 0.01",
+        "--highest-frequency is 0.01 Hz: nothing can be identified below 0.0504 Hz in 120 s at 50",
+    ),
+    (
+        "identify noise.csv --lowest-frequency 24.9",
+        "--lowest-frequency is 24.9 Hz: nothing can be identified above 22.5 Hz in 120 s at 50 Hz",
+    ),
     ("export short.mcap --csv -o noise.csv", "-o noise.csv: File exists; a folder is needed"),
     ("show empty", "the folder empty holds no recording"),
     ("audit empty --since 1.2.2026", "(2026-03-01T12:00Z) or seconds since 1970"),
