@@ -69,7 +69,7 @@ def test_rows_of_separators_alone_are_no_samples(tmp_path: Path) -> None:
 
 
 def test_a_row_with_a_sample_and_no_time_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="'t' has no value in sample 2"):
+    with pytest.raises(FileError, match="'t' has no value in sample 2; every row needs"):
         read_file(written(tmp_path, "t;a;b\n0;1;2\n;1;\n1;2;3\n"))
 
 
