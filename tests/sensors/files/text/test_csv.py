@@ -60,6 +60,17 @@ def test_two_columns_of_one_name_stay_two_channels(tmp_path: Path) -> None:
     assert read_file(written(tmp_path, "a,a\n1,2\n3,4\n")).names == ("a", "a.2")
 
 
+def test_the_new_name_of_a_repeated_column_is_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = written(tmp_path, "a,b,a,a\n1,2,3,4\n3,4,7,5\n")
+    read_file(path)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{path}: several columns have one name: column 3, 'a', is called 'a.2', column 4, 'a', "
+        "is called 'a.3'"
+    ]
+
+
 def test_rows_of_separators_alone_are_no_samples(tmp_path: Path) -> None:
     """Spreadsheets write them behind the last row, and where a row was emptied."""
     table = read_file(written(tmp_path, "t;a;b\n0;1;2\n;;\n1;;3\n2;3;4\n;;\n;;\n"))
