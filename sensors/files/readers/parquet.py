@@ -40,7 +40,7 @@ def read_parquet_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[Cha
         batches = file.iter_batches(batch_size=ROWS_OF_BATCH)
         first = next(batches, None)
         if first is None:
-            raise FileError(f"{path}: 0 sample(s); at least two are needed")
+            raise FileError(f"{path}: 0 samples; at least two are needed")
         columns = sort_columns(_columns(file.schema_arrow, first), path, wanted)
         given = [name for name, _ in map(_title, file.schema_arrow)]
         columns = renamed_columns(given, columns, path)

@@ -235,12 +235,12 @@ class _Beginning:
         rows = [self._row(number) for number, line in enumerate(self.lines) if _holds_cells(line)]
         kinds = _kinds(rows)
         if not {"number", "empty"} & set(kinds):
-            missing = "0 sample(s) below the header" if len(rows) < 3 else "no column of numbers"
+            missing = "0 samples below the header" if len(rows) < 3 else "no column of numbers"
             raise FileError(f"{self.path}: {missing}; at least two samples are needed")
         above = self._above(rows, kinds)
         samples = rows[above.begin :]
         if not samples:
-            raise FileError(f"{self.path}: 0 sample(s) below the header; at least two are needed")
+            raise FileError(f"{self.path}: 0 samples below the header; at least two are needed")
         preamble = self.lines[: samples[0].number]
         some = [row for row in samples[:JUDGED] if len(row.cells) == len(kinds)]
         columns = sort_columns(self._columns(above, kinds, some), self.path, wanted)

@@ -239,7 +239,7 @@ def test_a_mistake_gives_one_line(
     [
         ("a,b\n1,oops\n2,3\n", (), "'oops' in line 2"),
         ("a,b\nnan,nan\nnan,nan\n", (), "only NaN"),
-        ("a,b\n1,2\n", ("--sampling-rate", "10"), "1 sample(s)"),
+        ("a,b\n1,2\n", ("--sampling-rate", "10"), "1 sample; at least two"),
         ("a,b\n1,2\n3,4\n", (), "give --sampling-rate HZ"),
         ("a,b\n1,2\n3,4\n", ("--sampling-rate", "-5"), "-5 Hz; it must be positive"),
         ("t,a\n0,2\n1,4\n", ("--window", "60"), "--window 60 s does not fit"),

@@ -243,7 +243,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("run --source replay:short.mcap --scenario hop.toml", "hop.toml [oma]: hop is 900 s"),
     ("run --source replay:short.mcap --out /proc/x", "--out /proc/x: No such file or directory"),
     ("run --source replay:zero.mcap", "zero.mcap is empty (0 bytes)"),
-    ("run --source header.csv", "header.csv: 0 sample(s) below the header"),
+    ("run --source header.csv", "header.csv: 0 samples below the header"),
     ("run --source 'Türm 7.csv'", "Türm 7.csv: where on the tower are low, high?"),
     ("new zero.csv -o made", "zero.csv: the file is empty"),
     ("new empty -o made", "empty is a folder; name the files in it"),

@@ -88,8 +88,8 @@ def test_a_row_with_a_sample_and_no_time_is_refused(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("", "the file is empty; a header row is needed"),
-        ("a,b\n", "0 sample(s)"),
-        ("a,b\n1,2\n", "1 sample(s); at least two"),
+        ("a,b\n", "0 samples"),
+        ("a,b\n1,2\n", "1 sample; at least two"),
         ("a,b\n1,x\n2,3\n", "column 'b' has 'x' in line 2"),
         ("a,b\nnan,\n,nan\n", "only NaN in a, b"),
         ("t,a\n0,1\n-1,2\n", "does not increase"),
