@@ -220,7 +220,7 @@ def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) ->
         (("cook",), "No such command 'cook'"),
         (("salvage", ""), "is a folder; give the recording in it"),
         (("describe", "--plot", "."), "cannot write the figure ."),
-        (("identify", "a.csv", "--highest-frequency", "nan"), "highest_frequency is nan Hz"),
+        (("identify", "a.csv", "--highest-frequency", "nan"), "--highest-frequency is nan Hz"),
         (("identify", "a.csv", "--plot", "gone/a.png"), "the folder gone does not exist"),
         (("modes", "--sign", "up"), "'up' is not one of 'published', 'embedded-pile'"),
         (("modes", "--structure", "gone.toml"), "gone.toml"),
