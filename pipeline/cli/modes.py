@@ -1,6 +1,7 @@
 """`pilewatch identify`, `modes` and `describe`: measured modes, modes of a model."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -74,7 +75,7 @@ def identify(
     """Identify the modes of the structure in a file; needs no turbine."""
     from pipeline.cli.tables.modes import identified_modes_table, refused_table
     from pipeline.offline.identify_file import identify_file
-    from pipeline.oma.settings import OmaSettings
+    from pipeline.oma.settings import OmaSettings, OmaSettingsError
     from pipeline.sources.session_files import one_recording
     from pipeline.state.run_modes import CombinedTracks
     from sensors.files.layout_file import load_layout
@@ -83,18 +84,23 @@ def identify(
     if plot is not None and not plot.parent.is_dir():  # before the identification, not after it
         raise InputError(f"--plot {plot}: the folder {plot.parent} does not exist")
     file = one_recording(file) if file.is_dir() else file
-    with stderr.status(f"identifying {file}"):
-        found = identify_file(
-            file,
-            sampling_rate=sampling_rate,
-            window=window,
-            layout=None if layout is None else load_layout(layout),
-            time=TimeColumn(dates=dates, zone=zone),
-            rotor_speed=rotor_speed,
-            settings=OmaSettings(
-                lowest_frequency=lowest_frequency, highest_frequency=highest_frequency
-            ),
-        )
+    try:
+        with stderr.status(f"identifying {file}"):
+            found = identify_file(
+                file,
+                sampling_rate=sampling_rate,
+                window=window,
+                layout=None if layout is None else load_layout(layout),
+                time=TimeColumn(dates=dates, zone=zone),
+                rotor_speed=rotor_speed,
+                settings=OmaSettings(
+                    lowest_frequency=lowest_frequency, highest_frequency=highest_frequency
+                ),
+            )
+    except OmaSettingsError as error:
+        raise InputError(_with_options(str(error))) from error
+    rejected = (replace(each, reason=_with_options(each.reason)) for each in found.rejected)
+    found = replace(found, rejected=tuple(rejected))
     if plot is not None:
         _draw(found, file, plot)
     modes = CombinedTracks(found.estimates).modes()
@@ -124,6 +130,14 @@ def identify(
         output.print(identified_modes_table(modes, len(found.estimates), found.cross_checks))
         if why:
             output.print(refused_table(found.candidates))
+
+
+def _with_options(text: str) -> str:
+    """Return a text about settings with the options' names: here no scenario sets them."""
+    for end in ("lowest", "highest"):
+        text = text.replace(f"[oma] {end}_frequency", f"--{end}-frequency")
+        text = text.replace(f"{end}_frequency", f"--{end}-frequency")
+    return text
 
 
 def _check_as_json(found: "FileIdentification", name: str) -> dict[str, float] | None:

@@ -28,6 +28,7 @@ from pipeline.cli.console import (
     zenoh_settings,
 )
 from pipeline.cli.results import print_results
+from pipeline.state.phrases import count_noun
 from sensors.errors import InputError
 
 
@@ -251,7 +252,8 @@ def _print_session(session: Any, source: Any) -> None:
     print_results(session.summary, figures, scenario=source.scenario, layout=source.layout)
     stream, timing = figures["stream"], figures["timing"]
     output.print(
-        f"{stream['published']} blocks published, {_or_unknown(stream['recorded'])} recorded, "
+        f"{count_noun(stream['published'], 'block')} published, "
+        f"{_or_unknown(stream['recorded'])} recorded, "
         f"{_or_unknown(stream['lost'])} lost, {stream['recovered']} recovered, "
         f"{stream['late']} late, {stream['duplicate']} duplicate; "
         f"{_measured(figures)} in {timing['wall_s']:.1f} s"

@@ -31,6 +31,7 @@ from pipeline.farm.own_changes import OwnChange, beside_the_others, own_change
 from pipeline.farm.pooling import PooledDraws, pooled
 from pipeline.farm.settings import FarmError, GibbsSettings, PopulationPrior
 from pipeline.messages import FoundationEvent, FoundationPosterior, ParameterSummary
+from pipeline.state.phrases import count_noun
 from pipeline.updating.population import SpringCoordinates, StiffnessPopulation
 from pipeline.updating.prior import PARAMETER_NAMES
 from sensors.arrays import FloatArray
@@ -152,8 +153,8 @@ def pooled_farm(
     if len(members) < FEWEST_TURBINES:
         missing = "".join(f"; {each.turbine}: {each.reason}" for each in left_out)
         raise FarmError(
-            f"{len(members)} of {len(members) + len(left_out)} turbines can be pooled; at least "
-            f"{FEWEST_TURBINES} are needed{missing}"
+            f"{len(members)} of {count_noun(len(members) + len(left_out), 'turbine')} can be "
+            f"pooled; at least {FEWEST_TURBINES} are needed{missing}"
         )
     generator = np.random.default_rng(settings.seed)
     coordinates = SpringCoordinates(nominal_of(members[0]))

@@ -31,7 +31,7 @@ from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import BoolArray
 from sensors.errors import InputError
 from sensors.files.block_builder import MeasurementFile, moment, open_file
-from sensors.files.channel_names import GuessedChannel, UnusedChannel
+from sensors.files.channel_names import NO_VALUE, GuessedChannel, UnusedChannel
 from sensors.files.conditions import ConditionChannel, condition_channels, read_conditions
 from sensors.files.formats import channels_in
 from sensors.files.layout_file import load_layout
@@ -331,7 +331,9 @@ def _survey(measurement: Measurement) -> _Survey:
         measurement.layout.channel_names, present, lowest >= highest, ends.silent(), strict=True
     ):
         every = round(count / each) if each else 0
-        if still:
+        if not each:
+            unused.append(UnusedChannel(name, NO_VALUE))
+        elif still:
             unused.append(UnusedChannel(name, "constant over the record"))
         elif each < SLOWER * present.max() and abs(count / each - every) < 1 - SLOWER:
             rate = measurement.sampling_rate / every

@@ -36,7 +36,7 @@ from pipeline.oma.ssi.band_identification import (
     band_covariances,
     modes_of_covariances,
 )
-from pipeline.oma.ssi.bands import Band, plan_bands
+from pipeline.oma.ssi.bands import Band, plan_bands, why_no_band
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
 from pipeline.oma.ssi.ssi_cov import References, references_among, with_bounded_references
 from pipeline.oma.ssi.stabilization import PoleCloud, integrations_of
@@ -51,6 +51,7 @@ from pipeline.oma.whittle.unseen_modes import (
 from sensors.arrays import FloatArray, IntArray
 from sensors.files.table import Quantity
 
+NO_BAND = "no-band"  # code of a window too short or too slow for the frequencies asked for
 NO_VIBRATION = "no-vibration"  # code of a window whose matrices are singular
 AT_BOUND = 2.0  # a frequency std of less, over the attainable bound, could hardly be smaller [-]
 WELL_KNOWN_SHAPE = 0.1  # a largest std of a shape's components as only modes have it [-]
@@ -183,6 +184,14 @@ def _of_samples(
         sampling_rate=sampling_rate,
         settings=settings,
     )
+    if not bands:
+        why = why_no_band(
+            n_samples=len(samples),
+            n_channels=samples.shape[1],
+            sampling_rate=sampling_rate,
+            settings=settings,
+        )
+        return Identification((), (), QualityWarning(NO_BAND, why))
     steady = without_offset(clean)
     del clean  # a window of a fast recorder has gigabytes
     rest = without_machines(steady, sampling_rate, rotor_speed)

@@ -19,7 +19,7 @@ from pipeline.messages import (
 from pipeline.oma.data_quality.clock_offsets import NOTABLE, UNUSABLE, UnitOffset, unit_offset
 from pipeline.oma.identification import Identification, identify
 from pipeline.oma.preprocessing import MOST_MISSING
-from pipeline.oma.settings import OmaSettings
+from pipeline.oma.settings import OmaSettings, OmaSettingsError
 from pipeline.oma.ssi.ssi_cov import settings_for_channels
 from pipeline.oma.ssi.stabilization import stabilisation_diagram
 from pipeline.oma.tracking import ChannelPlaces, ModeTracker
@@ -179,6 +179,9 @@ class WindowIdentification:
                 result = self._identified(window, names, present if missing else None)
         except WorkLimitExceeded:
             yield self._rejected(window, self._too_much_work())
+            return
+        except OmaSettingsError as error:  # the scenario's, at this unit's rate
+            yield self._rejected(window, QualityWarning("settings", str(error)))
             return
         except Exception as error:  # else it would end every window to come, at each start again
             logger.exception("window %d of %s", window.index, self._turbine)

@@ -85,8 +85,13 @@ def open_recording(path: Path) -> BinaryIO:
         raise RecordingError(
             f"cannot read the recording {path}: {error.strerror or error}"
         ) from error
-    if file.read(len(MCAP_MAGIC)) != MCAP_MAGIC:
+    begin = file.read(len(MCAP_MAGIC))
+    if begin != MCAP_MAGIC:
         file.close()
+        if not begin:
+            raise RecordingError(
+                f"{path} is empty (0 bytes): nothing was recorded; it can be moved away"
+            )
         raise RecordingError(
             f"{path} is not a recording: it does not begin as an MCAP file does; a file of "
             "measurements in another format becomes one by `pilewatch import`"

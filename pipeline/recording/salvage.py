@@ -22,6 +22,7 @@ from pipeline.recording.mcap_file import (
     summary_of,
 )
 from pipeline.recording.writer import ACTIVE_SUFFIX, whole_recording
+from pipeline.state.phrases import count_noun
 from pipeline.transport.codec import decode
 from pipeline.transport.errors import CodecError
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
@@ -64,7 +65,8 @@ class SalvagedContent:
     @property
     def _what(self) -> str:
         return (
-            f"{self.chunks} complete chunks with {self.messages} messages, "
+            f"{count_noun(self.chunks, 'complete chunk')} with "
+            f"{count_noun(self.messages, 'message')}, "
             f"{self.duration:.1f} s of samples"
         )
 
@@ -73,18 +75,25 @@ class SalvagedContent:
         """What is not among it, as far as the file shows."""
         parts = []
         if self.damaged_chunks:
-            gone = f": {self.gone_messages} messages are gone" if self.gone_messages else ""
-            parts.append(f"{self.damaged_chunks} more are damaged{gone}")
+            gone = f": {_are(self.gone_messages)} gone" if self.gone_messages else ""
+            verb = "is" if self.damaged_chunks == 1 else "are"
+            parts.append(f"{self.damaged_chunks} more {verb} damaged{gone}")
         if self.unreadable_messages:
-            parts.append(f"{self.unreadable_messages} messages are unreadable")
+            parts.append(f"{_are(self.unreadable_messages)} unreadable")
         if self.cut_bytes:
-            parts.append(f"the last {self.cut_bytes} bytes are incomplete: they are gone")
+            last = "the last byte is incomplete: it is gone"
+            if self.cut_bytes > 1:
+                last = f"the last {self.cut_bytes} bytes are incomplete: they are gone"
+            parts.append(last)
         if self.foreign_messages:
             topics = ", ".join(self.foreign)
-            parts.append(
-                f"{self.foreign_messages} messages of other programs are left out: {topics}"
-            )
+            parts.append(f"{_are(self.foreign_messages, ' of other programs')} left out: {topics}")
         return f" ({'; '.join(parts)})" if parts else ""
+
+
+def _are(messages: int, what: str = "") -> str:
+    """Return "1 message is" or "2 messages are"."""
+    return f"{count_noun(messages, 'message')}{what} {'is' if messages == 1 else 'are'}"
 
 
 def salvaged_name(source: Path) -> Path:

@@ -78,7 +78,7 @@ def _structure(table: Any, origin: str) -> StructureSettings:
     if table is None:
         return UNCERTAIN
     try:
-        return structure_settings(table, f"{origin} [structure]")
+        return structure_settings(table, origin)
     except UpdatingError as error:
         raise ScenarioError(str(error)) from error
 

@@ -119,7 +119,9 @@ CONDITIONS = {
     **dict.fromkeys(("force", "moment", "thrust", "load", "kraft", *BENDING), "a load"),
     **dict.fromkeys(("status", "state", "flag", "counter", "record", "valid"), "a state"),
 }
-_UNSURE = {"the logger's supply", "a state", "a load", "constant"}  # may be a motion all the same
+NO_VALUE = "no value in any row"  # why a channel is left out
+_UNSURE = {"the logger's supply", "a state", "a load", "constant", NO_VALUE}  # may be a motion
+# all the same
 # Units of such quantities; patterns over the unit in lower case without blanks.
 _OTHER_UNIT = re.compile(
     r"[kmg]?w|rpm|(?:1|u|r|tr|t|o|omdr)/min|[kmg]?n|[kmg]?n[-*·]?m|[kmgh]?pa|m?bar|hz|%|(?:deg|°)[\s_]*[cf]|degc|k|"
@@ -458,7 +460,7 @@ def split_motions(
     reasons = [other_quantity(*each) for each in zip(table.names, table.units, strict=True)]
     if len(table.samples):
         reasons = [
-            reason or ("constant" if is_constant(series) else "")
+            reason or _why_still(series)
             for reason, series in zip(reasons, table.samples.T, strict=True)
         ]
     columns = [column for column, reason in enumerate(reasons) if not reason]
@@ -501,6 +503,12 @@ def note_unknown_units(table: ChannelTable, origin: str) -> None:
             f"{origin}: the unit {unit!r} of {', '.join(names)} is not known; the samples are "
             "taken as they are, unscaled (a layout file states unit and sensitivity)"
         )
+
+
+def _why_still(series: FloatArray) -> str:
+    if not np.isfinite(series).any():
+        return NO_VALUE
+    return "constant" if is_constant(series) else ""
 
 
 def is_constant(series: FloatArray) -> bool:

@@ -243,7 +243,10 @@ def _seconds(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | 
     if values.dtype.kind == "M":
         if np.isnat(values).any():
             missing = int(np.argmax(np.isnat(values))) + 1
-            raise FileError(f"{path}: the time {stamp.name!r} has no value in sample {missing}")
+            raise FileError(
+                f"{path}: the time {stamp.name!r} has no value in sample {missing}; every sample "
+                "needs a time"
+            )
         since = (values - values[0]) / np.timedelta64(1, "ns")
         return np.asarray(since * 1e-9), str(values[0].astype("datetime64[ns]"))
     try:

@@ -274,7 +274,7 @@ def join_chunks(chunks: Iterable[ChannelTable], path: Path) -> ChannelTable:
     parts = list(chunks)
     count = sum(len(part.samples) for part in parts)
     if count < 2:
-        raise FileError(f"{path}: {count} sample(s); at least two are needed")
+        raise FileError(f"{path}: {count} sample{'s' * (count != 1)}; at least two are needed")
     samples = np.concatenate([part.samples for part in parts])
     if not np.isfinite(samples).any():
         raise FileError(f"{path}: only NaN in {', '.join(parts[0].names)}; numbers are needed")

@@ -92,6 +92,11 @@ class SimulationSettings:
             raise SimulationError(
                 f"duration is {self.duration:g} s; at most {LONGEST_DURATION:g} s, a hundred years"
             )
+        if self.n_samples < 1:
+            raise SimulationError(
+                f"duration is {self.duration:g} s: no sample at {self.sampling_rate:g} Hz; at "
+                f"least {1 / self.sampling_rate:g} s are needed"
+            )
         for name in ("transient", "noise_share", "quantisation_step", "scada_period"):
             if not getattr(self, name) >= 0:
                 raise SimulationError(f"{name} is {getattr(self, name):g}; it must be 0 or more")

@@ -15,7 +15,10 @@ def check_timestamps(times: FloatArray, sampling_rate: float) -> tuple[Finding, 
     steps = np.diff(times) * sampling_rate  # in nominal steps
     if not np.isfinite(steps).all() or (steps <= 0).any():
         at = int(np.argmax(~(steps > 0)))
-        text = f"the time stamps do not increase after sample {at} ({times[at]:.6g} s)"
+        text = (
+            f"the time stamps do not increase: sample {at + 2} is at {times[at + 1]:.6g} s, sample "
+            f"{at + 1} before it at {times[at]:.6g} s; each stamp must be later than the one before"
+        )
         return (Finding("uneven-clock", text, "reject"),)
     typical = float(np.median(steps))
     if (steps > GAP_STEPS * typical).any():

@@ -100,7 +100,8 @@ def plan_bands(
     -----
     The first reaches down to one period within the lags of its Hankel matrix. A record too short
     for its slow bands is identified in the faster ones alone. Asked for lower frequencies than
-    the slow band reaches, the record gains further bands, each four times slower.
+    the slow band reaches, the record gains further bands, each four times slower. Frequencies
+    beyond the record's reach leave no band at all (`why_no_band`).
     """
     highest = settings.highest_frequency or HIGHEST_RELATIVE * sampling_rate
     if highest > 0.5 * sampling_rate:
@@ -128,6 +129,34 @@ def plan_bands(
         if band is not None
         and band.lowest < highest
         and band.highest > (settings.lowest_frequency or 0.0)
+    )
+
+
+def why_no_band(
+    *, n_samples: int, n_channels: int, sampling_rate: float, settings: OmaSettings
+) -> str:
+    """Return why `plan_bands` finds no band: the setting that is out of reach, and the reach."""
+
+    def planned(within: OmaSettings) -> tuple[Band, ...]:
+        return plan_bands(
+            n_samples=n_samples,
+            n_channels=n_channels,
+            sampling_rate=sampling_rate,
+            settings=within,
+        )
+
+    lowest, duration = settings.lowest_frequency, n_samples / sampling_rate
+    all_bands = planned(replace(settings, lowest_frequency=None, highest_frequency=None))
+    top = max((band.highest for band in all_bands), default=0.0)
+    if lowest is not None and lowest >= top:
+        return (
+            f"[oma] lowest_frequency is {lowest:g} Hz: nothing can be identified above {top:.3g} "
+            f"Hz in {duration:.6g} s at {sampling_rate:g} Hz"
+        )
+    bottom = min(band.lowest for band in planned(replace(settings, highest_frequency=None)))
+    return (
+        f"[oma] highest_frequency is {settings.highest_frequency:g} Hz: nothing can be identified "
+        f"below {bottom:.3g} Hz in {duration:.6g} s at {sampling_rate:g} Hz"
     )
 
 

@@ -11,6 +11,7 @@ Without the section every figure has its default uncertainty: a structure is nev
 and to take it so is a choice that is written down.
 """
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -89,7 +90,7 @@ def structure_settings(table: Any, where: str) -> StructureSettings:
     table : object
         The section as the file has it.
     where : str
-        File and section, for errors.
+        The file, for errors.
 
     Raises
     ------
@@ -98,26 +99,30 @@ def structure_settings(table: Any, where: str) -> StructureSettings:
     """
     if not isinstance(table, Mapping) or set(table) - {"uncertain"}:
         keys = list(table) if isinstance(table, Mapping) else table
-        raise UpdatingError(f"{where}: {keys!r}; it takes one key, uncertain")
+        raise UpdatingError(f"{where} [structure]: {keys!r}; it takes one key, uncertain")
     uncertain = table.get("uncertain", {})
     if uncertain == EXACT_WORD:
         return StructureSettings(exact=True)
     if not isinstance(uncertain, Mapping):
         raise UpdatingError(
-            f'{where}: uncertain is {uncertain!r}; it is "exact" or a table of standard deviations'
+            f'{where} [structure]: uncertain is {uncertain!r}; it is "exact" or a table of '
+            "standard deviations"
         )
-    stds = tuple((key, _std(key, value, where)) for key, value in uncertain.items())
+    section = f"{where} [structure.uncertain]"
+    stds = tuple((key, _std(key, value, section)) for key, value in uncertain.items())
     return StructureSettings(exact=False, stds=stds)
 
 
 def _std(key: str, value: Any, where: str) -> float:
     if key == "scour_depth":
         raise UpdatingError(
-            f"{where} scour_depth: one soil's curve reads 3 m of scour in clay as 1 to 1.5 m, so "
+            f"{where}: scour_depth: one soil's curve reads 3 m of scour in clay as 1 to 1.5 m, so "
             "no soil, no depth: scour shows as a change of the springs"
         )
     if key not in KNOWN:
-        raise UpdatingError(f"{where}: unknown figure {key!r}; there are {', '.join(KNOWN)}")
+        close = difflib.get_close_matches(key, KNOWN, n=1)
+        advice = f"did you mean {close[0]!r}?" if close else f"it takes {', '.join(KNOWN)}"
+        raise UpdatingError(f"{where}: unknown key {key!r}; {advice}")
     if value == EXACT_WORD:
         return 0.0
     if key in CHOICES:

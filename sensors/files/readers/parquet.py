@@ -14,7 +14,13 @@ from pyarrow import parquet
 
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted, readable, require_file
 from sensors.files.text.column_titles import distinct, split_unit
-from sensors.files.text.columns import Column, ColumnKind, convert_batches, sort_columns
+from sensors.files.text.columns import (
+    Column,
+    ColumnKind,
+    convert_batches,
+    renamed_columns,
+    sort_columns,
+)
 from sensors.files.text.dates import kind_of_text
 
 ROWS_OF_BATCH = 2**16  # that are read at a time
@@ -34,8 +40,10 @@ def read_parquet_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[Cha
         batches = file.iter_batches(batch_size=ROWS_OF_BATCH)
         first = next(batches, None)
         if first is None:
-            raise FileError(f"{path}: 0 sample(s); at least two are needed")
+            raise FileError(f"{path}: 0 samples; at least two are needed")
         columns = sort_columns(_columns(file.schema_arrow, first), path, wanted)
+        given = [name for name, _ in map(_title, file.schema_arrow)]
+        columns = renamed_columns(given, columns, path)
         used = (batch.select(list(columns.used)) for batch in chain((first,), batches))
         yield from convert_batches(used, columns, path)
 

@@ -81,7 +81,7 @@ class SortedColumns:
     """What is stated of the time beside the file."""
 
     left_out: tuple[str, ...] = ()
-    """What is left out, in sentences; logged when samples were read, beside no error."""
+    """What is left out or renamed, in sentences; logged when samples were read, beside no error."""
 
     @property
     def used(self) -> tuple[int, ...]:
@@ -133,6 +133,29 @@ def sort_columns(
     return SortedColumns(
         tuple(columns), channels, used, time=wanted.time, left_out=tuple(sentences)
     )
+
+
+def renamed_columns(given: Sequence[str], columns: SortedColumns, path: Path) -> SortedColumns:
+    """Return the columns with a sentence, to be logged, about those whose name another one has.
+
+    Parameters
+    ----------
+    given : sequence of str
+        Names as the file has them.
+    columns : SortedColumns
+        The same by the names that they are read by.
+    path : Path
+        Of the file, for the sentence.
+    """
+    renamed = [
+        f"column {place}, {own!r}, is called {column.name!r}"
+        for place, (own, column) in enumerate(zip(given, columns.all, strict=True), start=1)
+        if own and own != column.name
+    ]
+    if not renamed:
+        return columns
+    sentence = f"{path}: several columns have one name: {', '.join(renamed)}"
+    return replace(columns, left_out=(*columns.left_out, sentence))
 
 
 def _stated_clock(

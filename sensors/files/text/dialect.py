@@ -18,7 +18,13 @@ from typing import TypeVar
 
 from sensors.files.table import EVERYTHING, FileError, Wanted
 from sensors.files.text.column_titles import distinct, is_time_title, is_unit, split_unit
-from sensors.files.text.columns import Column, ColumnKind, SortedColumns, sort_columns
+from sensors.files.text.columns import (
+    Column,
+    ColumnKind,
+    SortedColumns,
+    renamed_columns,
+    sort_columns,
+)
 from sensors.files.text.dates import kind_of_text
 from sensors.files.text.decoding import UNREADABLE, detect_encoding, open_unpacked
 from sensors.files.text.preamble import stated_rate, stated_start_ns, states_measurement
@@ -229,15 +235,17 @@ class _Beginning:
         rows = [self._row(number) for number, line in enumerate(self.lines) if _holds_cells(line)]
         kinds = _kinds(rows)
         if not {"number", "empty"} & set(kinds):
-            missing = "0 sample(s) below the header" if len(rows) < 3 else "no column of numbers"
+            missing = "0 samples below the header" if len(rows) < 3 else "no column of numbers"
             raise FileError(f"{self.path}: {missing}; at least two samples are needed")
         above = self._above(rows, kinds)
         samples = rows[above.begin :]
         if not samples:
-            raise FileError(f"{self.path}: 0 sample(s) below the header; at least two are needed")
+            raise FileError(f"{self.path}: 0 samples below the header; at least two are needed")
         preamble = self.lines[: samples[0].number]
         some = [row for row in samples[:JUDGED] if len(row.cells) == len(kinds)]
         columns = sort_columns(self._columns(above, kinds, some), self.path, wanted)
+        given = [name for name, _ in self._names_and_units(above, kinds)]
+        columns = renamed_columns(given, columns, self.path)
         return TextHead(
             encoding,
             self.form.delimiter,
@@ -320,15 +328,19 @@ class _Beginning:
         self, above: _Above, kinds: Sequence[ColumnKind], samples: Sequence[_Row]
     ) -> list[Column]:
         titles = above.titles or [""] * len(kinds)
-        split = [split_unit(title) for title in titles]
-        if above.units:
-            units = [unit.strip("[]() ") for unit in above.units]
-            split = [(t, "" if u == "-" else u) for t, u in zip(titles, units, strict=True)]
+        split = self._names_and_units(above, kinds)
         names = distinct([name for name, _ in split])
         return [
             Column(name, unit, kind, self._first(samples, i, kind), titled=bool(titles[i].strip()))
             for i, (name, (_, unit), kind) in enumerate(zip(names, split, kinds, strict=True))
         ]
+
+    def _names_and_units(self, above: _Above, kinds: Sequence[ColumnKind]) -> list[tuple[str, str]]:
+        titles = above.titles or [""] * len(kinds)
+        if not above.units:
+            return [split_unit(title) for title in titles]
+        units = [unit.strip("[]() ") for unit in above.units]
+        return [(t, "" if u == "-" else u) for t, u in zip(titles, units, strict=True)]
 
     def _first(self, samples: Sequence[_Row], column: int, kind: ColumnKind) -> list[float | str]:
         cells = [row.cells[column] for row in samples if row.kinds[column] == kind]

@@ -217,7 +217,8 @@ class TextClock:
 
     def _require_all(self, missing: BoolArray) -> None:
         if missing.any():
-            raise ClockError(f"has no value in sample {self._rows + int(np.argmax(missing)) + 1}")
+            sample = self._rows + int(np.argmax(missing)) + 1
+            raise ClockError(f"has no value in sample {sample}; every row needs a time")
 
     def _of_texts(self, texts: pa.Array) -> FloatArray:
         try:

@@ -220,7 +220,7 @@ def test_run_without_a_recording_explains_how_to_make_one(pilewatch: Command) ->
         (("cook",), "No such command 'cook'"),
         (("salvage", ""), "is a folder; give the recording in it"),
         (("describe", "--plot", "."), "cannot write the figure ."),
-        (("identify", "a.csv", "--highest-frequency", "nan"), "highest_frequency is nan Hz"),
+        (("identify", "a.csv", "--highest-frequency", "nan"), "--highest-frequency is nan Hz"),
         (("identify", "a.csv", "--plot", "gone/a.png"), "the folder gone does not exist"),
         (("modes", "--sign", "up"), "'up' is not one of 'published', 'embedded-pile'"),
         (("modes", "--structure", "gone.toml"), "gone.toml"),
@@ -239,7 +239,7 @@ def test_a_mistake_gives_one_line(
     [
         ("a,b\n1,oops\n2,3\n", (), "'oops' in line 2"),
         ("a,b\nnan,nan\nnan,nan\n", (), "only NaN"),
-        ("a,b\n1,2\n", ("--sampling-rate", "10"), "1 sample(s)"),
+        ("a,b\n1,2\n", ("--sampling-rate", "10"), "1 sample; at least two"),
         ("a,b\n1,2\n3,4\n", (), "give --sampling-rate HZ"),
         ("a,b\n1,2\n3,4\n", ("--sampling-rate", "-5"), "-5 Hz; it must be positive"),
         ("t,a\n0,2\n1,4\n", ("--window", "60"), "--window 60 s does not fit"),

@@ -137,6 +137,8 @@ def test_one_turbine_is_no_farm():
     posteriors, _ = drawn_farm(2, seed=10)
     with pytest.raises(FarmError, match=r"1 of 2 turbines can be pooled.*t2: its posterior is not"):
         pooled_farm([posteriors[0], untrusted(posteriors[1])])
+    with pytest.raises(FarmError, match=r"^1 of 1 turbine can be pooled; at least 2 are needed"):
+        pooled_farm([posteriors[0]])
 
 
 def test_turbine_two_comes_before_turbine_ten():

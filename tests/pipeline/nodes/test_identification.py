@@ -272,3 +272,20 @@ def test_every_window_of_a_long_gap_has_an_answer(blocks, hours: int) -> None:
     # the gap ends 90 s into the blocks that are left: two windows of theirs, and the last is short
     assert turbine["identified"] + sum(turbine["rejected"].values()) == hours * 60 + 2
     assert len(said) < 150
+
+
+@pytest.mark.parametrize(
+    ("highest", "code", "words"),
+    [
+        (0.01, "no-band", "[oma] highest_frequency is 0.01 Hz: nothing can be identified below"),
+        (11.0, "settings", "[oma] highest_frequency is 11 Hz; a sampling rate of 20 Hz reaches"),
+    ],
+)
+def test_a_scenarios_frequencies_out_of_reach_reject_each_window(
+    blocks: list[AccelerationBlock], highest: float, code: str, words: str
+) -> None:
+    node = IdentificationNode(replace(SETTINGS, highest_frequency=highest))
+    node.handle(LAYOUT)
+    said = [answer for block in blocks for answer in node.handle(block)]
+    assert [answer.code for answer in said if isinstance(answer, WindowRejected)] == [code] * 3
+    assert all(words in answer.reason for answer in said if isinstance(answer, WindowRejected))

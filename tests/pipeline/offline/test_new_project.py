@@ -178,6 +178,7 @@ def test_columns_of_controller_and_logger_are_no_motions(tmp_path: Path) -> None
         "acc_25m_x [g]": np.full(count, 0.25),
         "SG_10m_x [ue]": rng.standard_normal(count),
         "Power [kW]": np.zeros(count),
+        "acc_15m_x [g]": np.full(count, np.nan),
         "BattV": np.full(count, 12.6),
         "WindSpeed [m/s]": rng.uniform(5, 7, count),
     }
@@ -188,8 +189,9 @@ def test_columns_of_controller_and_logger_are_no_motions(tmp_path: Path) -> None
     assert [each.name for each in project.channels] == ["acc_85m_x", "acc_50m_x"]
     reasons = {each.name: each.reason for each in project.left_out}
     assert reasons["acc_25m_x"] == "constant over the record"
+    assert reasons["acc_15m_x"] == "no value in any row"
     assert reasons["SG_10m_x"] == "a displacement, beside accelerations"
-    assert set(reasons) == {"acc_25m_x", "SG_10m_x", "Power", "BattV", "WindSpeed"}
+    assert set(reasons) == {"acc_25m_x", "acc_15m_x", "SG_10m_x", "Power", "BattV", "WindSpeed"}
     recorded = list(read_messages(project.recording, (ScadaSample,)))
     assert len(recorded) == 30
     assert all(each.power == 0 and 5 < each.wind_speed < 7 for each in recorded)

@@ -18,7 +18,7 @@ from pipeline.cli import main
 from pipeline.recording.errors import RecordingError
 from pipeline.recording.mcap_file import _summary_holds, record_offsets
 from pipeline.recording.reader import read_messages, read_metadata
-from pipeline.recording.salvage import salvage
+from pipeline.recording.salvage import SalvagedContent, salvage
 from pipeline.recording.writer import Recorder
 from pipeline.transport.codec import encode, full_name
 from tests.benchmarks.trials import DamageOutcome, damage_trial
@@ -80,7 +80,7 @@ def test_the_chunks_after_a_damaged_one_are_still_there(recording: Path) -> None
     assert (remains.chunks, remains.damaged_chunks) == (11, 1)
     assert str(remains) == (
         "11 complete chunks with 56 messages, 60.0 s of samples, can be salvaged "
-        "(1 more are damaged: 5 messages are gone)"
+        "(1 more is damaged: 5 messages are gone)"
     )
 
 
@@ -284,7 +284,7 @@ def test_what_is_gone_is_counted(recording: Path, tmp_path: Path) -> None:
     flipped[offsets[3] + 200] ^= 1
     recording.write_bytes(flipped)
     damaged = salvage(recording, tmp_path / "flipped.mcap")
-    assert damaged.recovered.endswith("(1 more are damaged: 5 messages are gone)")
+    assert damaged.recovered.endswith("(1 more is damaged: 5 messages are gone)")
     recording.write_bytes(whole[: offsets[3] + 100])
     cut = salvage(recording, tmp_path / "cut.mcap")
     assert cut.recovered.endswith("(the last 100 bytes are incomplete: they are gone)")
@@ -327,3 +327,15 @@ def test_a_folder_is_no_file_to_salvage(
     assert f"such as {recording}" in text
     with pytest.raises(RecordingError, match="it is a folder; give a file in it"):
         read_messages(tmp_path)
+
+
+def test_one_of_a_kind_is_no_plural() -> None:
+    content = SalvagedContent(
+        chunks=1, damaged_chunks=1, messages=1, unreadable_messages=1, duration=2.0,
+        foreign_messages=1, foreign=("/tf",), cut_bytes=1, gone_messages=1,
+    )  # fmt: skip
+    assert str(content) == (
+        "1 complete chunk with 1 message, 2.0 s of samples, can be salvaged (1 more is damaged: "
+        "1 message is gone; 1 message is unreadable; the last byte is incomplete: it is gone; "
+        "1 message of other programs is left out: /tf)"
+    )

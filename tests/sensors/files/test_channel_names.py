@@ -296,3 +296,17 @@ def test_loads_alone_are_used_and_left_out_beside_motions() -> None:
     assert columns == [0, 1]
     assert [str(each) for each in left_out] == ["MudMx (a load)", "thrust_kN (a load)"]
     assert split_motions(table("MudMx", "MudMy")) == ([0, 1], ())
+
+
+def test_a_channel_without_a_number_is_not_called_constant() -> None:
+    samples = np.random.default_rng(1).standard_normal((50, 3))
+    samples[:, 1], samples[:, 2] = np.nan, 0.5
+    table = ChannelTable(("x", "y", "z"), ("m/s²",) * 3, samples, None)
+    columns, left_out = split_motions(table)
+    assert columns == [0]
+    assert list(map(str, left_out)) == ["y (no value in any row)", "z (constant)"]
+
+
+def test_channels_that_are_constant_or_without_a_number_may_be_motions_all_the_same() -> None:
+    table = ChannelTable(("x", "y"), ("m/s²",) * 2, np.full((50, 2), [np.nan, 0.5]), None)
+    assert split_motions(table) == ([0, 1], ())

@@ -171,6 +171,15 @@ def test_stamps_that_go_back_are_rejected() -> None:
     assert only(check_timestamps(times, RATE)).action == "reject"
 
 
+def test_samples_are_counted_from_one_as_elsewhere() -> None:
+    times = np.arange(2400) / 40.0
+    times[1000:] -= 1.0
+    text = "do not increase: sample 1001 is at 24 s, sample 1000 before it at 24.975 s; each stamp"
+    assert text in only(check_timestamps(times, 40.0)).text
+    times[1000] = np.nan
+    assert "sample 1001 is at nan s" in only(check_timestamps(times, 40.0)).text
+
+
 def test_an_uneven_clock_is_resampled_and_the_modes_stay(
     two_mass_system: KnownStructure,
 ) -> None:

@@ -1,5 +1,7 @@
 """Bands of a record: their filters, and what a high pass brings to light."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -96,3 +98,22 @@ def test_an_order_is_even_and_at_most_half_the_rank(rank: int, orders: tuple[int
 
 def test_two_references_have_half_the_orders_of_eight() -> None:
     assert _orders((20, 32), rank=64, n_references=2) == (10, 16)
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        (OmaSettings(highest_frequency=0.1), "highest_frequency is 0.1 Hz: nothing .* below 0.1 "),
+        (OmaSettings(highest_frequency=0.001), "highest_frequency is 0.001 Hz: nothing .* below"),
+        (OmaSettings(lowest_frequency=19.99), "lowest_frequency is 19.99 Hz: nothing .* above 18 "),
+        (OmaSettings(lowest_frequency=0.01, highest_frequency=0.02), "highest_frequency is 0.02"),
+    ],
+)
+def test_a_window_that_reaches_none_of_the_frequencies_is_rejected(
+    settings: OmaSettings, why: str
+) -> None:
+    noise = np.random.default_rng(5).standard_normal((2400, 2))
+    found = identify(noise, RATE, settings)
+    assert found.rejection is not None
+    assert found.rejection.code == "no-band"
+    assert re.search(why, found.rejection.text)

@@ -60,13 +60,24 @@ def test_a_turbine_on_land_has_no_uncertain_level() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[structure.uncertain]\nstel = 1\n", r"mine.toml \[structure\]: unknown figure 'stel'"),
-        ("[structure.uncertain]\nadded_mass = -1\n", "added_mass is -1"),
+        (
+            "[structure.uncertain]\nsteel_moduls = 1\n",
+            r"^mine.toml \[structure.uncertain\]: unknown key 'steel_moduls'; "
+            r"did you mean 'steel_modulus'\?$",
+        ),
+        (
+            "[structure.uncertain]\nxyz = 1\n",
+            r"\[structure.uncertain\]: unknown key 'xyz'; it takes steel_modulus, ",
+        ),
+        (
+            "[structure.uncertain]\nadded_mass = -1\n",
+            r"^mine.toml \[structure.uncertain\]: added_mass is -1",
+        ),
         ("[structure.uncertain]\nadded_mass = 0.9\n", "at most 0.5"),
         ("[structure.uncertain]\nflooding = 0.2\n", 'can only be "exact"'),
         ("[structure.uncertain]\nscour_depth = 1.5\n", "no soil, no depth"),
         ('[structure]\nuncertain = "no"\n', 'is "exact" or a table'),
-        ("[structure]\nsprings = 1\n", "takes one key, uncertain"),
+        ("[structure]\nsprings = 1\n", r"mine.toml \[structure\]: .* takes one key, uncertain"),
         ("[updating.uncertain]\nrna_mass = 0.03\n", r"\[structure.uncertain\]"),
     ],
 )

@@ -60,6 +60,17 @@ def test_two_columns_of_one_name_stay_two_channels(tmp_path: Path) -> None:
     assert read_file(written(tmp_path, "a,a\n1,2\n3,4\n")).names == ("a", "a.2")
 
 
+def test_the_new_name_of_a_repeated_column_is_logged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = written(tmp_path, "a,b,a,a\n1,2,3,4\n3,4,7,5\n")
+    read_file(path)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{path}: several columns have one name: column 3, 'a', is called 'a.2', column 4, 'a', "
+        "is called 'a.3'"
+    ]
+
+
 def test_rows_of_separators_alone_are_no_samples(tmp_path: Path) -> None:
     """Spreadsheets write them behind the last row, and where a row was emptied."""
     table = read_file(written(tmp_path, "t;a;b\n0;1;2\n;;\n1;;3\n2;3;4\n;;\n;;\n"))
@@ -69,7 +80,7 @@ def test_rows_of_separators_alone_are_no_samples(tmp_path: Path) -> None:
 
 
 def test_a_row_with_a_sample_and_no_time_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="'t' has no value in sample 2"):
+    with pytest.raises(FileError, match="'t' has no value in sample 2; every row needs"):
         read_file(written(tmp_path, "t;a;b\n0;1;2\n;1;\n1;2;3\n"))
 
 
@@ -77,8 +88,8 @@ def test_a_row_with_a_sample_and_no_time_is_refused(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("", "the file is empty; a header row is needed"),
-        ("a,b\n", "0 sample(s)"),
-        ("a,b\n1,2\n", "1 sample(s); at least two"),
+        ("a,b\n", "0 samples"),
+        ("a,b\n1,2\n", "1 sample; at least two"),
         ("a,b\n1,x\n2,3\n", "column 'b' has 'x' in line 2"),
         ("a,b\nnan,\n,nan\n", "only NaN in a, b"),
         ("t,a\n0,1\n-1,2\n", "does not increase"),
