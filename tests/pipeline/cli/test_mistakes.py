@@ -93,7 +93,8 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("report empty", "empty"),
     # audit
     ("audit gone", "gone does not exist; give the folder of a run"),
-    ("audit noise.csv", "noise.csv"),
+    ("audit noise.csv", "noise.csv is a file; give the folder of a run (its --out)"),
+    ("audit short.mcap", "short.mcap is a file; give the folder of a run (its --out)"),
     ("audit empty", "empty"),
     # simulate
     ("simulate", "simulate needs a scenario and -o FILE.mcap"),
