@@ -205,6 +205,13 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("node updater", "'updater' is not one of"),
     ("node updating --recording gone.mcap", "gone.mcap"),
     ("node updating --scenario gone", "'gone' is neither"),
+    ("node updating --out nd", "updating needs a structure: give --scenario NAME or FILE.toml"),
+    (
+        "node updating --scenario modes-only --out nd",
+        "updating needs a structure: scenario modes-only has none",
+    ),
+    ("node viewer --no-rrd --out nd", "the viewer has nothing to draw on"),
+    ("node recorder --shard 1/2 --out nd", "--shard is for identification and updating"),
     ("node updating --shard 3", "--shard '3' is not like 1/4"),
     # certificates
     ("certificates", "Missing argument 'folder'"),
