@@ -206,7 +206,7 @@ def _sinks_beside(options: SessionOptions, stack: ExitStack) -> Iterator[Node]:
         yield WatchdogNode(Watchdog(os.environ))
     figures_node = None if options.metrics is None else MetricsNode()
     if figures_node is not None and options.metrics is not None:
-        stack.enter_context(served(figures_node, options.metrics))
+        stack.enter_context(served(figures_node, options.metrics, option="--metrics"))
         yield figures_node
     if options.notices is not None:
         settings, channels = options.notices, channels_of(options.notices)
