@@ -44,7 +44,7 @@ SpoolMegabytesOption = Annotated[
     float, typer.Option(help="Of the spool; the oldest blocks go when it is larger [10⁶ bytes].")
 ]
 
-LAST_PORT = 65_535
+HIGHEST_PORT = 65_535
 SNIFFED_FOR = 10.0  # without --for [s]
 
 if TYPE_CHECKING:
@@ -286,8 +286,8 @@ def certificates(
     from pipeline.deploy.access import SHORE, parse_unit, write_configurations
     from pipeline.deploy.certificates import AUTHORITY, make_certificates
 
-    if not 0 < port <= LAST_PORT:
-        raise InputError(f"--port is {port}; a port is 1 to {LAST_PORT}")
+    if not 0 < port <= HIGHEST_PORT:
+        raise InputError(f"--port is {port}; a port is 1 to {HIGHEST_PORT}")
     units = [parse_unit(text) for text in unit or ()]
     viewers, nodes = viewer or [], node or []
     names = [SHORE, *(each.name for each in units), *viewers, *nodes]
