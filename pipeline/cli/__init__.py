@@ -166,6 +166,16 @@ def _wanted_number(found: re.Match[str]) -> str:
     return "a whole number is needed" if found[1] == "integer" else f"a valid {found[1]} is needed"
 
 
+def _given(error: Any) -> str:
+    """Return the value that an option or argument could not be read from; "" where none is known.
+
+    Typer reads values by pydantic, whose message leaves the value out.
+    """
+    errors = getattr(error.__cause__ or error.__context__, "errors", None)
+    found = errors() if callable(errors) else ()
+    return str(found[0].get("input", "")) if found else ""
+
+
 # Of every command, before its name.
 LOGGING_OPTIONS = ("-v", "-vv", "--verbose", "-q", "--quiet", "--log-format")
 
@@ -175,12 +185,18 @@ def _usage_text(error: Any) -> str:
     message = " ".join(error.format_message().split()).removesuffix(".")
     message = message.replace("Value error, ", "", 1)
     message = _PARSING.sub(_wanted_number, message)
+    message = message.replace("Input should be greater than or equal to ", "at least ")
+    if "at least " in message and not message.endswith("needed"):
+        message += " is needed"
+    given = _given(error)
+    if given and repr(given) not in message:
+        message = message.replace(": ", f": {given!r}; ", 1)
     context = getattr(error, "ctx", None)
     option = getattr(error, "option_name", "")
     if option in LOGGING_OPTIONS and context is not None:
         name = context.info_name
-        given = f"{option} json" if option == "--log-format" else option
-        return f"{option} stands before the command: `pilewatch {given} {name} …`"
+        written = f"{option} json" if option == "--log-format" else option
+        return f"{option} stands before the command: `pilewatch {written} {name} …`"
     command = (
         context.command_path if context is not None else " ".join(["pilewatch", *sys.argv[1:2]])
     )

@@ -44,6 +44,7 @@ SpoolMegabytesOption = Annotated[
     float, typer.Option(help="Of the spool; the oldest blocks go when it is larger [10⁶ bytes].")
 ]
 
+HIGHEST_PORT = 65_535
 SNIFFED_FOR = 10.0  # without --for [s]
 
 if TYPE_CHECKING:
@@ -139,6 +140,8 @@ def _spool(folder: Path | None, source: str, megabytes: float) -> "Spool | None"
     """The spool of a source; without a folder of its own where nothing can be written, none."""
     from pipeline.sources.spool import Spool, SpoolError, default_folder
 
+    if not megabytes > 0:
+        raise InputError(f"--spool-megabytes is {megabytes:g}; a number above 0 is needed")
     if folder is not None:
         return Spool(folder, most_megabytes=megabytes)
     try:
@@ -283,6 +286,8 @@ def certificates(
     from pipeline.deploy.access import SHORE, parse_unit, write_configurations
     from pipeline.deploy.certificates import AUTHORITY, make_certificates
 
+    if not 0 < port <= HIGHEST_PORT:
+        raise InputError(f"--port is {port}; a port is 1 to {HIGHEST_PORT}")
     units = [parse_unit(text) for text in unit or ()]
     viewers, nodes = viewer or [], node or []
     names = [SHORE, *(each.name for each in units), *viewers, *nodes]

@@ -319,6 +319,10 @@ def node(
     )
     if shard is not None:
         parsed_shard(shard)  # a mistake in it is one line, before what is noted of the source
+    if name == "updating" and recording is None and scenario is None:
+        raise InputError(  # before it is noted that modes alone are tracked
+            "updating needs a structure: give --scenario NAME or FILE.toml, or --recording with one"
+        )
     name_of_source = "live" if recording is None else f"replay:{recording}"
     opened = open_source(name_of_source, scenario, layout or ())
     source = opened.with_sampler(sampler)

@@ -72,6 +72,8 @@ def parse_unit(text: str) -> Unit:
     """TURBINE/UNIT. Raises InputError for anything else."""
     turbine, slash, unit = text.partition("/")
     wrong = key_part_error(turbine) or key_part_error(unit)
+    if not wrong and " " in text:  # as a layout file has it
+        wrong = "a layout has names without spaces"
     if not slash or wrong:
         raise InputError(
             f"--unit {text!r} is not TURBINE/UNIT, e.g. t1/tower{': ' + wrong if wrong else ''}"

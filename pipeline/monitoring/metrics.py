@@ -233,16 +233,19 @@ def _filled(family: Any, values: Iterable[Sample]) -> "Metric":
 
 
 @contextmanager
-def served(node: MetricsNode, port: int, address: str = LOOPBACK) -> Iterator[int]:
+def served(
+    node: MetricsNode, port: int, address: str = LOOPBACK, *, option: str = "--port"
+) -> Iterator[int]:
     """The node's figures over HTTP under /metrics; gives the port, which 0 leaves to the system.
 
-    Raises InputError where the port is taken or the extra `metrics` is missing.
+    Raises InputError where the port is taken or is none, as `option` gives it, or where the extra
+    `metrics` is missing.
     """
     import_extra("prometheus_client", "metrics", "figures for Prometheus")
     from prometheus_client import CollectorRegistry, start_http_server
 
     if not 0 <= port <= LAST_PORT:
-        raise InputError(f"{port} is no port for the figures; ports are 0 (any) to {LAST_PORT}")
+        raise InputError(f"{option} is {port}; a port is 0 (any free one) to {LAST_PORT}")
 
     registry = CollectorRegistry()
     registry.register(node)  # a Collector by its method

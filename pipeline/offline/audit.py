@@ -117,6 +117,8 @@ class Audit:
     n_files: int
     n_open: int
     """Of them not closed: their run goes on or was killed."""
+    whole: bool = True
+    """Whether all of the folder's time was looked at, not a period."""
 
     @property
     def violations(self) -> tuple[str, ...]:
@@ -131,7 +133,8 @@ class Audit:
         verdict = "the books balance" if not found else count_noun(found, "violation")
         files = count_noun(self.n_files, "file")
         if not found and self.books.is_empty:
-            return f"{self.folder}: nothing was recorded in this period; {files}"
+            where = "" if self.whole else " in this period"
+            return f"{self.folder}: nothing was recorded{where}; {files}"
         left = f" ({self.n_open} not closed: its run goes on or was killed)" if self.n_open else ""
         return f"{self.folder}: {verdict}; {files}{left}, {self.books.line}"
 
@@ -159,17 +162,20 @@ def audit(folder: Path, period: AuditPeriod | None = None) -> Audit:
     Raises
     ------
     InputError
-        If there is no such folder, or it holds no recording.
+        If there is no such folder, it is a file, or it holds no recording.
     """
     if not folder.exists():
         raise InputError(f"{folder} does not exist; give the folder of a run (its --out)")
+    if not folder.is_dir():
+        raise InputError(f"{folder} is a file; give the folder of a run (its --out)")
     files = recordings_of(folder)
     if not files:
         raise InputError(f"{folder} holds no recording; give the folder of a run (its --out)")
     books = Books(updates=_has_structure(files))
     damaged = list(_damaged_snapshots(folder))
     messages = _all_messages(files, damaged)
-    if period is None or period.whole:
+    period = period or AuditPeriod()
+    if period.whole:
         for message in messages:
             books.handle(message)
         unrecorded = tuple(_not_recorded(folder, files, books))
@@ -178,7 +184,7 @@ def audit(folder: Path, period: AuditPeriod | None = None) -> Audit:
             books.handle(message, outside=period.is_outside(message))
         unrecorded = ()
     n_open = sum(file.name.endswith(ACTIVE_SUFFIX) for file in files)
-    return Audit(folder, books, unrecorded, tuple(damaged), len(files), n_open)
+    return Audit(folder, books, unrecorded, tuple(damaged), len(files), n_open, period.whole)
 
 
 def _not_recorded(folder: Path, files: Iterable[Path], books: Books) -> Iterator[str]:

@@ -266,7 +266,9 @@ def _read(
 
 
 def _constant_speed(rotor_speed: float, n_samples: int) -> NDArray[np.float64]:
-    if not 0 <= rotor_speed < float("inf"):
+    if not np.isfinite(rotor_speed):
+        raise InputError(f"--rotor-speed is {rotor_speed:g} rpm; a finite number is needed")
+    if rotor_speed < 0:
         raise InputError(f"--rotor-speed is {rotor_speed:g} rpm; it must not be negative")
     return np.full(n_samples, rotor_speed)
 

@@ -247,7 +247,7 @@ def _sinks_beside(options: SessionOptions, stack: ExitStack) -> Iterator[Node]:
         yield WatchdogNode(Watchdog(os.environ))
     figures_node = None if options.metrics is None else MetricsNode()
     if figures_node is not None and options.metrics is not None:
-        stack.enter_context(served(figures_node, options.metrics))
+        stack.enter_context(served(figures_node, options.metrics, option="--metrics"))
         yield figures_node
     if options.notices is not None:
         settings, channels = options.notices, channels_of(options.notices)
@@ -351,10 +351,14 @@ def run_node(
     Raises
     ------
     InputError
-        For a node that the graph does not have or that cannot be shared.
+        For a node that has nothing to do here, that the graph does not have or that cannot be
+        shared.
     NodeFailed
         For one that failed.
     """
+    _require_work(name, source, options)  # before anything is written
+    if shard is not None and name not in SHARED:
+        raise InputError(f"--shard is for {' and '.join(SHARED)}, not for {name}")
     make_folder(options.out)
     with ExitStack() as stack:
         epoch, fresh = epoch_of(options.out), tied and is_fresh(options.out)
@@ -368,8 +372,6 @@ def run_node(
         plans = {plan.name: plan for plan in graph}
         if name not in plans:
             raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
-        if shard is not None and name not in SHARED:
-            raise InputError(f"--shard is for {' and '.join(SHARED)}, not for {name}")
         stack.enter_context(one_blas_thread())
         bus = stack.enter_context(open_session(lambda: ZenohBus(options.zenoh)))
         if options.fresh and name == "updating":
@@ -382,3 +384,14 @@ def run_node(
         if shard is not None:
             node = ShardedNode(node, parsed_shard(shard, source.turbines))
         serve(node, bus, turbine=source.layout.turbine, stopping=stopping)
+
+
+def _require_work(name: str, source: Source, options: SessionOptions) -> None:
+    """Raise InputError for a node that the graph has only with a structure or an output."""
+    if name == "updating" and not source.scenario.has_structure:
+        raise InputError(
+            f"updating needs a structure: scenario {source.scenario.name} has none; give "
+            "--scenario NAME or FILE.toml whose [turbine] description names one"
+        )
+    if name == "viewer" and not options.rrd and options.view is None:
+        raise InputError("the viewer has nothing to draw on: leave --no-rrd out or give --view")

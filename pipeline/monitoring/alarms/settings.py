@@ -37,6 +37,7 @@ KINDS = (
     *("change", "gap", "silence", "sensor", "clock", "untrusted", "refused", "node"),
     *("recorder", "books", "no-posterior", "delivery", "threshold"),
 )
+MOST_SHARE = 2.0  # of a threshold: one above is most likely meant in percent [-]
 THRESHOLDS = ("k11_below", "k22_below", "k12_below")  # keys
 TLS_PORT = 465  # SMTP with TLS from the first byte (RFC 8314)
 
@@ -76,6 +77,12 @@ class AlarmLogSettings:
         for name in ("reminder", "settle", "shortest_gap", "undelivered", *THRESHOLDS):
             if not getattr(self, name) >= 0:
                 raise AlarmError(f"{name} is {getattr(self, name)}; it must not be negative")
+        for name in THRESHOLDS:
+            if not (share := getattr(self, name)) <= MOST_SHARE:
+                raise AlarmError(
+                    f"{name} is {share}; it is a share of nominal, 0.95 for 95 %, at most "
+                    f"{MOST_SHARE:g}"
+                )
         if self.windows_without_posterior < 1:
             raise AlarmError(
                 f"windows_without_posterior is {self.windows_without_posterior}; at least 1 is "

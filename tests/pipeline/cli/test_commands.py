@@ -379,7 +379,7 @@ def test_what_the_disk_refuses_is_one_line_whatever_the_command(
 def test_a_number_that_is_no_port_is_one_line_as_it_was_given(pilewatch: Command) -> None:
     for port in ("99999999", "-1"):
         result = pilewatch("run", "--source", "live", "--metrics", port)
-        assert one_line(result).startswith(f"pilewatch: {port} is no port for the figures")
+        assert one_line(result).startswith(f"pilewatch: --metrics is {port}; a port is 0")
 
 
 def test_shares_of_a_farm_need_processes_of_their_own(pilewatch: Command) -> None:

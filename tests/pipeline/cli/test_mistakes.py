@@ -29,7 +29,8 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("run --source live --notices gone.toml", "gone.toml"),
     ("run --source simulate:parked --view pink", "pink"),
     ("run --source live --shards -1", "--shards -1 needs --processes"),
-    ("run --source simulate:parked --metrics 99999", "99999"),
+    ("run --source simulate:parked --metrics 99999", "--metrics is 99999"),
+    ("run --source simulate:parked --metrics -1", "--metrics is -1; a port is 0 (any free one)"),
     (
         "run --source simulate:parked --zenoh-config gone.json5 --lock-step",
         "--lock-step has no transport",
@@ -93,7 +94,8 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("report empty", "empty"),
     # audit
     ("audit gone", "gone does not exist; give the folder of a run"),
-    ("audit noise.csv", "noise.csv"),
+    ("audit noise.csv", "noise.csv is a file; give the folder of a run (its --out)"),
+    ("audit short.mcap", "short.mcap is a file; give the folder of a run (its --out)"),
     ("audit empty", "empty"),
     # simulate
     ("simulate", "simulate needs a scenario and -o FILE.mcap"),
@@ -184,6 +186,11 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("feed tower", "tower"),
     ("feed udp://127.0.0.1:0 --for 0", "--for 0"),
     ("feed udp://127.0.0.1:0 --layout layout.toml --scenario parked", "give one"),
+    (
+        "feed udp://127.0.0.1:0 --layout layout.toml --for 1 --spool-megabytes -1",
+        "--spool-megabytes is -1; a number above 0 is needed",
+    ),
+    ("publish --source simulate:parked --spool-megabytes nan", "--spool-megabytes is nan"),
     ("feed mqtt://", "mqtt://"),
     ("feed udp://127.0.0.1:0", "where on the tower are its channels?"),
     ("feed opcua://127.0.0.1 --layout gone.toml", "gone.toml"),
@@ -204,15 +211,24 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("node updater", "'updater' is not one of"),
     ("node updating --recording gone.mcap", "gone.mcap"),
     ("node updating --scenario gone", "'gone' is neither"),
+    ("node updating --out nd", "updating needs a structure: give --scenario NAME or FILE.toml"),
+    (
+        "node updating --scenario modes-only --out nd",
+        "updating needs a structure: scenario modes-only has none",
+    ),
+    ("node viewer --no-rrd --out nd", "the viewer has nothing to draw on"),
+    ("node recorder --shard 1/2 --out nd", "--shard is for identification and updating"),
     ("node updating --shard 3", "--shard '3' is not like 1/4"),
     # certificates
     ("certificates", "Missing argument 'folder'"),
     ("certificates keys", "no client is named"),
     ("certificates keys --unit tower", "tower"),
+    ("certificates keys --unit t1/tower --port 99999", "--port is 99999; a port is 1 to 65535"),
+    ("certificates keys --unit 't 1/to'", "--unit 't 1/to' is not TURBINE/UNIT"),
     ("certificates keys --viewer a --viewer a", "cannot name two machines"),
     # metrics
     ("metrics", "no session"),
-    ("metrics --port 99999 --connect tcp/127.0.0.1:1", "99999"),
+    ("metrics --port 99999 --connect tcp/127.0.0.1:1", "--port is 99999"),
     ("metrics --port http", "a whole number is needed"),
     # notices
     ("notices gone.toml", "gone.toml"),
@@ -264,7 +280,10 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("import noise.csv -o a.mcap --layout tall.toml", "elevation 40000 m; heights are in metres"),
     ("import noise.csv -o noise.csv --layout layout.toml", "noise.csv exists already"),
     ("identify noise.csv --window nan", "--window is nan s; it must be positive"),
-    ("identify noise.csv --rotor-speed -3", "--rotor-speed is -3 rpm"),
+    ("identify noise.csv --rotor-speed -3", "--rotor-speed is -3 rpm; it must not be negative"),
+    ("identify noise.csv --rotor-speed inf", "--rotor-speed is inf rpm; a finite number"),
+    ("identify noise.csv --window 4,5", "'--window': '4,5'; a valid number is needed"),
+    ("identify noise.csv --rotor-speed nan", "--rotor-speed is nan rpm; a finite number"),
     ("identify noise.csv --plot a.xyz", "Format 'xyz' is not supported"),
     ("identify noise.csv --lowest-frequency -1", "--lowest-frequency is -1 Hz; it must be > 0"),
     ("identify noise.csv --highest-frequency nan", "--highest-frequency is nan Hz"),
@@ -295,13 +314,14 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("simulate german.toml -o a.mcap", "numbers have a decimal point: 40.5"),
     ("simulate parked -o a.mcap --seed -1", "seed is -1"),
     ("notices german.toml --test", "numbers have a decimal point: 40.5"),
+    ("notices share.toml --test", "k22_below is 95.0; it is a share of nominal, 0.95 for 95 %"),
     ("notices wrong.toml --test", "unknown section 'maill'"),
     ("feed udp://127.0.0.1:99999 --layout layout.toml", "port '99999'"),
     ("feed mqtt://127.0.0.1/t?maping=gone --layout layout.toml", "did you mean 'mapping'?"),
     ("feed mqtt://127.0.0.1/t?mapping=german.toml --layout layout.toml", "a decimal point: 40.5"),
     ("feed serial:///dev/ttyX --layout layout.toml", "is no feed; one begins with"),
     ("certificates noise.csv --unit t/tower", "a folder that can be written is needed"),
-    ("reprocess short.mcap --workers 0", "--workers"),
+    ("reprocess short.mcap --workers 0", "'--workers': '0'; at least 1 is needed"),
     ("reprocess short.mcap -o noise.csv --serial", "a folder is needed"),
     ("node updating --shard 5/4", "--shard '5/4' is not like 1/4"),
     ("publish --source live", "--source live is what others publish"),
@@ -406,6 +426,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
     (place / "german.toml").write_text(LAYOUT.format(second="high").replace("40.0", "40,5"))
     (place / "twice.toml").write_text(LAYOUT.format(second="low"))
     (place / "tall.toml").write_text(LAYOUT.format(second="high").replace("40.0", "40000.0"))
+    (place / "share.toml").write_text("[notices]\nk22_below = 95\n")
     (place / "wrong.toml").write_text('[maill]\nto = "a@example.org"\n')
     os.link(place / "noise.csv", place / "Türm 7.csv")
     os.link(short_recording, place / "short.mcap")

@@ -183,6 +183,13 @@ def test_a_period_before_or_after_all_blocks_has_nothing(folder: Path, number: i
     assert (found.violations, found.as_json()["units"]) == ((), [])
 
 
+def test_a_folder_without_blocks_names_no_period_where_none_is_given(
+    folder: Path, tmp_path: Path
+) -> None:
+    found = audit(rewritten(folder, tmp_path / "copy", lambda _: False))
+    assert found.line == f"{tmp_path / 'copy'}: nothing was recorded; 1 file"
+
+
 def test_a_gap_over_the_whole_period_is_lost_in_it(folder: Path, tmp_path: Path) -> None:
     def keep(message: Message) -> bool:
         return not isinstance(message, AccelerationBlock) or not 100 <= message.sequence < 120

@@ -1,5 +1,6 @@
 """What a person may ask of a session whose turbines or nodes are shared."""
 
+import threading
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from pipeline.nodes.node import Node, Plan
 from pipeline.recording.session_recorder import SessionRecorder
 from pipeline.run.options import SessionOptions
 from pipeline.run.processes import processes
-from pipeline.run.run import run_session
+from pipeline.run.run import run_node, run_session
 from pipeline.scenario import load_scenario
 from pipeline.sources.sources import open_source, simulated
 from sensors.errors import InputError
@@ -61,3 +62,20 @@ def test_turbines_are_shared_by_the_nodes_that_compute_and_by_no_other(
     shares = [["--shard", f"{number}/{shards}"] for number in range(1, shards + 1)]
     own = shares if len(names) > 1 else [[]]
     assert [list(each._command) for each in found] == [["pilewatch", "node", *each] for each in own]
+
+
+@pytest.mark.parametrize(
+    ("node", "shard", "words"),
+    [
+        ("updating", None, "updating needs a structure"),
+        ("viewer", None, "nothing to draw on"),
+        ("recorder", "1/2", "--shard is for identification and updating"),
+    ],
+)
+def test_a_node_without_work_leaves_nothing_behind(
+    node: str, shard: str | None, words: str, tmp_path: Path
+) -> None:
+    options = SessionOptions(out=tmp_path / "nd", rrd=False)
+    with pytest.raises(InputError, match=words):
+        run_node(node, open_source("live"), options, threading.Event(), shard)
+    assert not (tmp_path / "nd").exists()
