@@ -87,7 +87,7 @@ def resolved_by_evidence(
         Modes and refused modes after the evidence.
     """
     duration = spectrum.duration
-    suspects = _suspects(modes, refused, coincident, spectrum, harmonics)
+    suspects = _suspects(modes, refused, coincident, spectrum, settings, harmonics)
     known = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]
     result, reasons = list(modes), list(refused)
     for group in grouped(suspects, duration):
@@ -230,6 +230,7 @@ def _suspects(
     refused: Sequence[RefusedMode],
     coincident: Sequence[CoincidentModes],
     spectrum: WindowSpectrum,
+    settings: OmaSettings,
     harmonics: Sequence[Mode],
 ) -> list[Suspect]:
     placed = [each for each in refused if each.code != "unstable"]
@@ -241,6 +242,7 @@ def _suspects(
     ]
     if not modes and not harmonics:
         found += [Suspect(frequency, FALLBACK_DAMPING) for frequency in lone_peaks(spectrum)]
+    found = [each for each in found if settings.asks_for(each.frequency)]
     found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
     seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]

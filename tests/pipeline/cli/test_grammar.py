@@ -125,7 +125,7 @@ def test_what_a_command_finds_is_json(
         ("simulate --list", ["parked", "bad-sensors", "tide"]),
         ("simulate --describe parked", ["[simulation]", "seed"]),
         ("info short.mcap", ["AccelerationBlock", "tower", "240"]),
-        ("salvage short.mcap -o again.mcap", ["again.mcap: ", "chunks"]),
+        ("salvage short.mcap -o again.mcap", ["again.mcap: ", "complete chunk"]),
         ("export short.mcap --csv", [".csv", "rows"]),
         ("certificates keys --viewer a", ["keys"]),
     ],

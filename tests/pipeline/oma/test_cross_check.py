@@ -6,6 +6,7 @@ import pytest
 from pipeline.oma import close_modes
 from pipeline.oma.cross_check import _of_taper, cross_checks, disagreements
 from pipeline.oma.identification import identify
+from pipeline.oma.settings import OmaSettings
 from sensors.arrays import FloatArray
 from tests.benchmarks.close_modes import ambient
 
@@ -76,6 +77,21 @@ def test_peaks_stand_in_where_no_pole_is_stable(monkeypatch: pytest.MonkeyPatch)
             patch.setattr(close_modes, "lone_peaks", lambda spectrum: [])
             empty += not identify(samples, RATE).modes
     assert with_peaks <= empty
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [OmaSettings(highest_frequency=0.4), OmaSettings(lowest_frequency=8.0)],
+    ids=["highest", "lowest"],
+)
+def test_peaks_that_were_not_asked_for_do_not_stand_in(settings: OmaSettings) -> None:
+    """Nothing within the band has a pole, and the modes beyond it have peaks."""
+    found = [
+        mode.frequency
+        for seed in range(4)
+        for mode in identify(two_modes(seed), RATE, settings).modes
+    ]
+    assert not [frequency for frequency in found if not settings.asks_for(frequency)]
 
 
 def test_noise_has_no_lone_peak() -> None:
