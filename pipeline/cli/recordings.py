@@ -53,14 +53,14 @@ def simulate(
         print_json([_scenario_json(load_scenario(name)) for name in shipped_scenarios()])
         return
     if describe is not None and as_json:
-        described = load_scenario(describe)
+        described = _with_its_files(load_scenario(describe))
         print_json(_scenario_json(described) | {"toml": described.text})
         return
     if show_list:
         output.print(scenarios_table([load_scenario(name) for name in shipped_scenarios()]))
         return
     if describe is not None:
-        described = load_scenario(describe)
+        described = _with_its_files(load_scenario(describe))
         output.print(escape_markup(scenario_description(described)), highlight=False)
         output.print(
             f"\n{escape_markup(scenario_settings(described))}", highlight=False, soft_wrap=True
@@ -76,6 +76,14 @@ def simulate(
     with progress(source.text, source.duration) as report:
         record_simulation(source, out, report=report)
     _print_written(out, as_json)
+
+
+def _with_its_files(scenario: "Scenario") -> "Scenario":
+    """Return a scenario whose files can be read: who asks what it says would run it next."""
+    if scenario.has_structure:
+        _ = scenario.structure
+    _ = scenario.population
+    return scenario
 
 
 def _scenario_json(scenario: "Scenario") -> dict[str, Any]:

@@ -1,10 +1,12 @@
 """Run the example over seeds and sign conventions, in two processes."""
 
-from collections.abc import Callable, MutableMapping, Sequence
+import signal
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import product
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 import numpy as np
 from scipy.signal import find_peaks
@@ -72,7 +74,8 @@ def run_study(
     context = get_context("spawn")
     with (
         context.Manager() as manager,
-        ProcessPoolExecutor(PROCESSES, mp_context=context) as pool,
+        ProcessPoolExecutor(PROCESSES, mp_context=context, initializer=_leave_interrupts) as pool,
+        _ended_at_once(),
     ):
         shares = manager.dict()
         running = {
@@ -87,6 +90,22 @@ def run_study(
             if report:
                 report(sum(shares.values()))
     return Study(tuple(found[task] for task in tasks), samples)
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C goes to a terminal's whole group of processes; the one that started them ends them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def _ended_at_once() -> Iterator[None]:
+    """End the processes that run where this one is interrupted: they would be waited for."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        for process in active_children():
+            process.terminate()
+        raise
 
 
 def _one(

@@ -151,7 +151,8 @@ def scenario_description(scenario: Scenario) -> str:
     """Return a scenario as text: its title, then one line per paragraph."""
     paragraphs = scenario.description.strip().split("\n\n")
     words = [" ".join(paragraph.split()) for paragraph in paragraphs]
-    return "\n\n".join([f"{scenario.name}: {scenario.title}", *words])
+    head = ": ".join(part for part in (scenario.name, scenario.title) if part)
+    return "\n\n".join([head, *(each for each in words if each)])
 
 
 def scenario_settings(scenario: Scenario) -> str:

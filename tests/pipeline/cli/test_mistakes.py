@@ -102,6 +102,8 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("simulate parked", "simulate needs a scenario and -o FILE.mcap"),
     ("simulate parkd -o a.mcap", "'parkd'"),
     ("simulate parked -o short.mcap", "exists already"),
+    ("simulate --describe lost-tower.toml", "nosuch.toml"),
+    ("simulate --describe lost-farm.toml --json", "nosuch.json"),
     ("simulate parked -o a.mcap --duration -5", "duration"),
     ("simulate parked -o a.mcap --duration 1e15", "at most 3.15576e+09 s"),
     ("simulate parked -o . --duration 5", "cannot record to .: it is a folder"),
@@ -405,6 +407,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
     low = shipped_text("iea15mw_monopile").split("  { bottom = 28.0")[0] + "]\n"
     (place / "low.toml").write_text(low + SPRINGS)
     (place / "low-scenario.toml").write_text('[turbine]\ndescription = "low.toml"\n')
+    (place / "lost-tower.toml").write_text('[turbine]\ndescription = "nosuch.toml"\n')
+    (place / "lost-farm.toml").write_text('[updating]\npopulation = "nosuch.json"\n')
     (place / "cut.mcap").write_bytes(short_recording.read_bytes()[:2000])
     (place / "empty").mkdir()
     (place / "zero.csv").write_text("")
