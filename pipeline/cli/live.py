@@ -27,6 +27,7 @@ from pipeline.cli.console import (
     zenoh_settings,
 )
 from pipeline.state.phrases import count_noun
+from sensors.constants import HIGHEST_PORT
 from sensors.errors import InputError
 from sensors.json_values import fields_of
 
@@ -44,7 +45,6 @@ SpoolMegabytesOption = Annotated[
     float, typer.Option(help="Of the spool; the oldest blocks go when it is larger [10⁶ bytes].")
 ]
 
-HIGHEST_PORT = 65_535
 SNIFFED_FOR = 10.0  # without --for [s]
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from pipeline.messages import FoundationEvent
 from pipeline.monitoring.state_sink import StateSink
 from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.constants import LOOPBACK
+from sensors.constants import HIGHEST_PORT, LOOPBACK
 from sensors.errors import InputError
 from sensors.extras import import_extra
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-LAST_PORT = 65_535
 QUANTILE_LEVELS = (("0.05", "p05"), ("0.5", "median"), ("0.95", "p95"))  # of a label `level`
 COUNTED_BY_NODES = ("lost", "recovered", "late", "duplicate", "malformed")
 DELIVERY_OUTCOMES = ("delivered", "failed", "refused", "dropped")
@@ -244,8 +243,8 @@ def served(
     import_extra("prometheus_client", "metrics", "figures for Prometheus")
     from prometheus_client import CollectorRegistry, start_http_server
 
-    if not 0 <= port <= LAST_PORT:
-        raise InputError(f"{option} is {port}; a port is 0 (any free one) to {LAST_PORT}")
+    if not 0 <= port <= HIGHEST_PORT:
+        raise InputError(f"{option} is {port}; a port is 0 (any free one) to {HIGHEST_PORT}")
 
     registry = CollectorRegistry()
     registry.register(node)  # a Collector by its method

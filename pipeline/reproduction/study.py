@@ -94,7 +94,7 @@ def run_study(
 
 def _leave_interrupts() -> None:
     """Ctrl-C goes to a terminal's whole group of processes; the one that started them ends them."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.Signals.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager

@@ -10,14 +10,13 @@ from typing import Any, Literal
 import zenoh
 
 from pipeline.transport.errors import TransportError
-from sensors.constants import LOOPBACK
+from sensors.constants import HIGHEST_PORT, LOOPBACK
 
 ANY_LOCAL_PORT = f"tcp/{LOOPBACK}:0"
 LARGEST_MESSAGE = 16 * 2**20  # that a link takes in [bytes]: twice what the codec does
 FIRST_RETRY_MS = 100  # to connect to a hub that is not there yet
 LONGEST_RETRY_MS = 1000
 WITH_PORT = ("tcp", "tls", "udp", "quic", "ws")  # protocols whose endpoints are a host and a port
-HIGHEST_PORT = 65_535
 
 _MESSAGE_OF_ERROR = re.compile(r'msg: "(.*)", location', re.DOTALL)
 _SOURCE_OF_ERROR = re.compile(r"( at /\S+?:\d+\.?| \(os error \d+\))")  # inside zenoh's own code
