@@ -14,7 +14,6 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import islice
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -23,7 +22,6 @@ from pipeline.messages import QualityWarning
 from sensors.acquisition.blocks import CLOCK_STEP, NANOSECONDS, AccelerationBlock
 from sensors.acquisition.resampling import HALF_LENGTH, interpolated
 from sensors.arrays import BoolArray, FloatArray
-from sensors.intervals import Intervals
 
 CLOCK_ERROR = 0.01  # of a converter's rate, at most [-]
 CORRECTED_DRIFT = 10e-6  # of stamps, beyond which samples are read at their instants [-]
@@ -35,7 +33,7 @@ CERTAIN_JUMP = 8.0  # median deviations of the jumps beyond which one is a step
 COMPARED_STAMPS = 5  # before and after a step; fewer that are off are late stamps
 MOST_STEPS_TAKEN_OUT = 5  # that are taken out of a line
 AT_ONCE = 1000  # samples that are read by one product: what a kernel's length of each of them takes
-MOST_HOLES = 100  # in the numbers that have come; of more the oldest is forgotten
+MOST_MISSING = 10_000  # numbers of blocks that have not come and still may; the latest
 CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps better than 1
 CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
 STILL_BLOCKS = 2  # blocks on end in which a channel that is alive never keeps one value
@@ -244,7 +242,8 @@ class BlockMonitor:
         self._session = session
         self._newest: AccelerationBlock | None = None
         self._rate = 1.0  # [Hz]
-        self._seen = Intervals()  # numbers of blocks
+        self._first, self._highest = 0, -1  # numbers of blocks that have come
+        self._missing: set[int] = set()  # between them
         # first sample and start [ns] of blocks
         self._stamps: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_STAMPS)
         # first sample of a block, its still channel
@@ -257,16 +256,15 @@ class BlockMonitor:
     def resume(self, session: str, sequence: int) -> None:
         """Go on after a restart of this program, which had a session's blocks before a number."""
         self._begin(session)
-        self._seen.add(0, sequence)
+        self._highest = sequence - 1
 
     def note(self, block: AccelerationBlock) -> None:
         """Take a block that its unit has sent."""
         if block.session != self._session:
             self._begin(block.session)
-        if block.sequence in self._seen:
+        if not self._is_new(block.sequence):
             self._counts["repeated"] += 1
             return
-        self._see(block.sequence)
         if self._newest is None or block.sequence > self._newest.sequence:
             self._newest = block
         else:
@@ -276,11 +274,23 @@ class BlockMonitor:
         self._stamps.append((block.first_sample, block.start_ns))
         self._follow_still_channels(block)
 
-    def _see(self, sequence: int) -> None:
-        self._seen.add(sequence)
-        oldest = [*islice(self._seen, MOST_HOLES + 2)]
-        if len(oldest) > MOST_HOLES + 1:  # what the oldest hole lacks counts as seen
-            self._seen.add(oldest[0][0], oldest[1][1])
+    def _is_new(self, sequence: int) -> bool:
+        """Whether a block has not come before; its number has from now on."""
+        if self._highest < self._first:  # the first of all
+            self._first = self._highest = sequence
+            return True
+        if self._first <= sequence <= self._highest and sequence not in self._missing:
+            return False
+        if sequence > self._highest:
+            self._missing.update(range(self._highest + 1, sequence)[-MOST_MISSING:])
+        elif sequence < self._first:
+            self._missing.update(range(sequence + 1, self._first)[-MOST_MISSING:])
+        self._missing.discard(sequence)
+        self._first = min(self._first, sequence)
+        self._highest = max(self._highest, sequence)
+        if len(self._missing) > MOST_MISSING:  # the oldest count as come
+            self._missing = set(sorted(self._missing)[-MOST_MISSING:])
+        return True
 
     def _follow_still_channels(self, block: AccelerationBlock) -> None:
         if len(block.samples) < FEWEST_OF_BLOCK:

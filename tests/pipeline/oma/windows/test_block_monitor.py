@@ -5,7 +5,8 @@ from datetime import UTC, datetime
 
 import pytest
 
-from pipeline.oma.windows.unit_clock import MOST_HOLES, BlockMonitor
+from pipeline.oma.windows import unit_clock
+from pipeline.oma.windows.unit_clock import BlockMonitor
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.example_messages import block
 
@@ -48,12 +49,15 @@ def test_what_was_there_before_a_restart_comes_twice_and_is_not_late() -> None:
     assert counts == {"repeated": "230"}
 
 
-def test_a_link_that_loses_every_other_block_costs_no_memory() -> None:
+def test_a_link_that_loses_every_other_block_costs_no_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(unit_clock, "MOST_MISSING", 100)
     watch = BlockMonitor(lateness=5.0)
-    for sequence in range(0, 2 * MOST_HOLES + 10, 2):
+    for sequence in range(0, 210, 2):
         watch.note(block(sequence))
-    assert len([*watch._seen]) == MOST_HOLES + 1
-    for sequence in (1, 2 * MOST_HOLES - 1, 2 * MOST_HOLES):
+    assert len(watch._missing) == 100
+    for sequence in (1, 199, 200):
         watch.note(block(sequence))
     counts = {each.code: each.text.split()[0] for each in watch.warnings_until(0)}
     assert counts == {"repeated": "2", "late": "1"}
