@@ -33,7 +33,7 @@ CERTAIN_JUMP = 8.0  # median deviations of the jumps beyond which one is a step
 COMPARED_STAMPS = 5  # before and after a step; fewer that are off are late stamps
 MOST_STEPS_TAKEN_OUT = 5  # that are taken out of a line
 AT_ONCE = 1000  # samples that are read by one product: what a kernel's length of each of them takes
-MOST_MISSING = 10_000  # numbers of blocks that have not come and still may; the latest
+MISSING_KEPT = 10_000  # numbers of blocks that have not come, the latest
 CLOCK_DRIFT = 10.0  # [ppm]; a crystal that is disciplined by GPS or PTP keeps better than 1
 CLOCK_JITTER = 1e-3  # std of the blocks' stamps about a straight line [s]
 STILL_BLOCKS = 2  # blocks on end in which a channel that is alive never keeps one value
@@ -282,14 +282,14 @@ class BlockMonitor:
         if self._first <= sequence <= self._highest and sequence not in self._missing:
             return False
         if sequence > self._highest:
-            self._missing.update(range(self._highest + 1, sequence)[-MOST_MISSING:])
+            self._missing.update(range(self._highest + 1, sequence)[-MISSING_KEPT:])
         elif sequence < self._first:
-            self._missing.update(range(sequence + 1, self._first)[-MOST_MISSING:])
+            self._missing.update(range(sequence + 1, self._first)[-MISSING_KEPT:])
         self._missing.discard(sequence)
         self._first = min(self._first, sequence)
         self._highest = max(self._highest, sequence)
-        if len(self._missing) > MOST_MISSING:  # the oldest count as come
-            self._missing = set(sorted(self._missing)[-MOST_MISSING:])
+        if len(self._missing) > MISSING_KEPT:  # the oldest count as come
+            self._missing = set(sorted(self._missing)[-MISSING_KEPT:])
         return True
 
     def _follow_still_channels(self, block: AccelerationBlock) -> None:

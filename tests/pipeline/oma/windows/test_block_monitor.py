@@ -52,7 +52,7 @@ def test_what_was_there_before_a_restart_comes_twice_and_is_not_late() -> None:
 def test_a_link_that_loses_every_other_block_costs_no_memory(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(unit_clock, "MOST_MISSING", 100)
+    monkeypatch.setattr(unit_clock, "MISSING_KEPT", 100)
     watch = BlockMonitor(lateness=5.0)
     for sequence in range(0, 210, 2):
         watch.note(block(sequence))
