@@ -1,12 +1,20 @@
 """Run the example over seeds and sign conventions, in two processes."""
 
+import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import product
-from multiprocessing import active_children, get_context
+from multiprocessing import (
+    active_children,
+    connection,
+    get_context,
+    parent_process,
+    resource_tracker,
+)
 
 import numpy as np
 from scipy.signal import find_peaks
@@ -72,15 +80,17 @@ def run_study(
     tasks = list(product(signs, seeds))
     found: dict[tuple[SpringSign, int], Example] = {}
     context = get_context("spawn")
-    with (
-        context.Manager() as manager,
-        ProcessPoolExecutor(PROCESSES, mp_context=context, initializer=_leave_interrupts) as pool,
-        _ended_at_once(),
-    ):
-        shares = manager.dict()
-        running = {
-            pool.submit(_one, sign, seed, samples, shares): (sign, seed) for sign, seed in tasks
-        }
+    with ExitStack() as stack:
+        with _interrupts_held():
+            manager = stack.enter_context(context.Manager())
+            pool = stack.enter_context(
+                ProcessPoolExecutor(PROCESSES, mp_context=context, initializer=_follow_parent)
+            )
+            stack.enter_context(_ended_at_once())
+            shares = manager.dict()
+            running = {
+                pool.submit(_one, sign, seed, samples, shares): (sign, seed) for sign, seed in tasks
+            }
         waiting = set(running)
         while waiting:
             done, waiting = wait(waiting, timeout=STUDY_LOOKS, return_when=FIRST_COMPLETED)
@@ -92,9 +102,31 @@ def run_study(
     return Study(tuple(found[task] for task in tasks), samples)
 
 
-def _leave_interrupts() -> None:
-    """Ctrl-C goes to a terminal's whole group of processes; the one that started them ends them."""
-    signal.signal(signal.Signals.SIGINT, signal.SIG_IGN)
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Have Ctrl-C wait until processes have been started, which never get it then: a terminal sends
+    it to all of them, and each would print where it was."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # its start would let interrupts through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _follow_parent() -> None:
+    """End with the process that started this one, however that ends."""
+    parent = parent_process()
+    assert parent is not None
+
+    def end() -> None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=end, daemon=True).start()
 
 
 @contextmanager

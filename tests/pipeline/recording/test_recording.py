@@ -196,7 +196,7 @@ def test_a_folder_is_no_recording(tmp_path: Path) -> None:
 def test_a_file_of_another_kind_is_one_clear_line(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(content)
-    assert "is not a recording" in refusal(path)
+    assert ("is not a recording" if content else "is empty (0 bytes)") in refusal(path)
 
 
 def test_a_cut_recording_says_what_can_be_salvaged(recording: Path) -> None:
