@@ -320,7 +320,9 @@ def concluded(
     reasons = [*by_lines.refused, *found.refused, *map(harmonic, harmonics)]
     reasons += unstable(by_band, found.modes, reasons)
     reasons += not_listed(by_lines.unseen, [*found.modes, *reasons])
-    structural = without_sea_humps(found.modes, steady, sampling_rate, integrations)
+    # A pole at the end of the bands may lead to a resonance beyond what was asked for.
+    asked = [mode for mode in found.modes if settings.asks_for(mode.frequency)]
+    structural = without_sea_humps(asked, steady, sampling_rate, integrations)
     narrower = [
         _narrower_than_any(mode)
         for mode in structural.modes

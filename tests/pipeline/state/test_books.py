@@ -276,6 +276,12 @@ def test_what_a_feed_dropped_of_its_instruments_messages_is_told_over_all_its_st
     assert "instruments" not in books_of(fed(10, duplicate=4)).line
 
 
+def test_a_message_that_was_missing_and_came_after_all_is_lost_no_longer() -> None:
+    """The count of lost ones falls by that; the feed has not been started again."""
+    (of_feed,) = books_of(fed(50, lost=3), fed(60, lost=2)).as_json()["instruments"]
+    assert (of_feed["received"], of_feed["lost"]) == (60, 2)
+
+
 def test_late_messages_of_an_instrument_are_no_late_blocks() -> None:
     """They explain no block that is recorded and was reported missing."""
     books = books_of(*map(block, range(30)), gap(6, 3), fed(10, late=3))
