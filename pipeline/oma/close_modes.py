@@ -17,6 +17,7 @@ import numpy as np
 from pipeline.messages import Mode, RefusedMode
 from pipeline.modal_assurance import mac
 from pipeline.oma.settings import OmaSettings
+from pipeline.oma.ssi.bands import is_asked_for
 from pipeline.oma.ssi.coincident_modes import CoincidentModes
 from pipeline.oma.whittle.groups import Group, GroupModes, Suspect, grouped, modes_of_group
 from pipeline.oma.whittle.narrow_band import WindowSpectrum
@@ -242,7 +243,7 @@ def _suspects(
     ]
     if not modes and not harmonics:
         found += [Suspect(frequency, FALLBACK_DAMPING) for frequency in lone_peaks(spectrum)]
-    found = [each for each in found if settings.asks_for(each.frequency)]
+    found = [each for each in found if is_asked_for(each.frequency, settings)]
     found += [Suspect(each.frequency, each.damping_ratio) for each in coincident]
     found += [Suspect(e.frequency, e.damping_ratio) for e in refused if e.code == "mixture"]
     seen = [Suspect(mode.frequency, mode.damping_ratio) for mode in modes]

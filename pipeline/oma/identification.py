@@ -36,7 +36,7 @@ from pipeline.oma.ssi.band_identification import (
     band_covariances,
     modes_of_covariances,
 )
-from pipeline.oma.ssi.bands import Band, plan_bands, why_no_band
+from pipeline.oma.ssi.bands import Band, is_asked_for, plan_bands, why_no_band
 from pipeline.oma.ssi.coincident_modes import CoincidentModes, twin_pairs
 from pipeline.oma.ssi.ssi_cov import References, references_among, with_bounded_references
 from pipeline.oma.ssi.stabilization import PoleCloud, integrations_of
@@ -321,7 +321,7 @@ def concluded(
     reasons += unstable(by_band, found.modes, reasons)
     reasons += not_listed(by_lines.unseen, [*found.modes, *reasons])
     # A pole at the end of the bands may lead to a resonance beyond what was asked for.
-    asked = [mode for mode in found.modes if settings.asks_for(mode.frequency)]
+    asked = [mode for mode in found.modes if is_asked_for(mode.frequency, settings)]
     structural = without_sea_humps(asked, steady, sampling_rate, integrations)
     narrower = [
         _narrower_than_any(mode)

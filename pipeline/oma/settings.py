@@ -1,6 +1,5 @@
 """OmaSettings: everything about identification that a scenario may set."""
 
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -85,11 +84,6 @@ class OmaSettings:
             raise OmaSettingsError(
                 f"[oma] highest_frequency is {high:g} Hz, not above lowest_frequency ({low:g} Hz)"
             )
-
-    def asks_for(self, frequency: float) -> bool:
-        """Whether a frequency [Hz] is within what is asked for; where nothing is stated all are."""
-        low, high = self.lowest_frequency or 0.0, self.highest_frequency or math.inf
-        return low <= frequency <= high
 
     def _check_references(self, names: tuple[str, ...]) -> None:
         if not names:

@@ -17,7 +17,7 @@ sharpest estimate.
 """
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import inf, sqrt
 
 from pipeline.oma.preprocessing import HIGH_PASS_BAND, high_pass_taps
 from pipeline.oma.settings import HIGHEST_RELATIVE, OmaSettings, OmaSettingsError
@@ -130,6 +130,12 @@ def plan_bands(
         and band.lowest < highest
         and band.highest > (settings.lowest_frequency or 0.0)
     )
+
+
+def is_asked_for(frequency: float, settings: OmaSettings) -> bool:
+    """Whether a frequency [Hz] is within the settings' limits; where none is stated all are."""
+    low, high = settings.lowest_frequency or 0.0, settings.highest_frequency or inf
+    return low <= frequency <= high
 
 
 def why_no_band(
