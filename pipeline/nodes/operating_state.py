@@ -3,6 +3,7 @@ nacelle's axes, along which their shapes are compared."""
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -75,15 +76,16 @@ class OperationLog:
         states = list(dict.fromkeys(sample.state for sample in samples))
         yaws = np.array([sample.yaw for sample in samples])
         known = yaws[np.isfinite(yaws)]
-        known = turned_from(known, mean_direction(known))
-        steady = len(states) == 1 and (not known.size or np.ptp(known) <= STEADY_YAW)
+        mean_yaw = mean_direction(known)
+        deviations = turned_from(known, mean_yaw)
+        steady = len(states) == 1 and (not known.size or np.ptp(deviations) <= STEADY_YAW)
         return replace(
             estimate,
             operating_state=states[0] if steady else CHANGING,
-            wind_speed=float(np.mean([sample.wind_speed for sample in samples])),
-            rotor_speed=float(np.mean([sample.rotor_speed for sample in samples])),
-            yaw=mean_direction(yaws),
-            water_level=float(np.mean([sample.water_level for sample in samples])),
+            wind_speed=_mean_known([sample.wind_speed for sample in samples]),
+            rotor_speed=_mean_known([sample.rotor_speed for sample in samples]),
+            yaw=mean_yaw,
+            water_level=_mean_known([sample.water_level for sample in samples]),
         )
 
     def rotor_speed(self, start_ns: int, end_ns: int, n_samples: int) -> FloatArray | None:
@@ -115,6 +117,12 @@ class OperationLog:
         before = [sample for sample in known if sample.time_ns <= start_ns]
         inside = [sample for sample in known if start_ns < sample.time_ns < end_ns]
         return before[-1:] + inside
+
+
+def _mean_known(values: Sequence[float]) -> float:
+    """Return the mean of the values that the controller knew; NaN if it knew none."""
+    known = [value for value in values if math.isfinite(value)]
+    return float(np.mean(known)) if known else math.nan
 
 
 def usable_estimate(

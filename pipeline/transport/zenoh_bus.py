@@ -23,6 +23,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -65,6 +66,7 @@ logger = logging.getLogger(__name__)
 
 BURST = 32  # messages that a link's queue holds for sure, one after the other
 SETTLING = 3 * HEARTBEAT  # after a burst, until what a link dropped has been asked for again [s]
+ALONE = 10.0  # without anybody at the endpoints that were given, until that is said [s]
 MOST_PUBLISHERS = 5000  # of one session: of 1000 turbines' estimates, or posteriors, and their kin
 
 
@@ -89,13 +91,27 @@ class ZenohBus:
     """
 
     def __init__(self, settings: ZenohSettings | None = None) -> None:
-        self._session = _opened(settings or ZenohSettings())
+        settings = settings or ZenohSettings()
+        self._session = _opened(settings)
         self._publishers: dict[str, _Publisher] = {}  # by key
         self._began: dict[str, bytes] = {}  # when they were declared, by key
         self._subscriptions: list[ZenohSubscription] = []
         self._queryables: list[zenoh.Queryable[None]] = []  # forgotten by Zenoh unless held
         self._beginnings = Beginnings(self._session)
         self._burst, self._last_put = 0, -math.inf  # messages within a heartbeat; the last [s]
+        self._alone = threading.Timer(ALONE, self._say_if_alone, [settings.endpoints])
+        self._alone.daemon = True
+        if settings.endpoints:
+            self._alone.start()
+
+    def _say_if_alone(self, endpoints: Sequence[str]) -> None:
+        """Log that a session at these endpoints is still awaited, where nobody is connected."""
+        with suppress(zenoh.ZError):  # closed meanwhile
+            if not self.links():
+                logger.warning(
+                    "no session answers at %s so far; it is tried again until one does",
+                    ", ".join(endpoints),
+                )
 
     def publish(self, message: Message, payload: bytes | None = None) -> None:
         """Send on the message's key. See `Bus`."""
@@ -152,6 +168,7 @@ class ZenohBus:
         A link that is too slow for a burst drops messages, which are fetched from the publisher's
         cache when its next heartbeat reports its position: after a burst it stays for that long.
         """
+        self._alone.cancel()
         if self._burst > BURST:
             time.sleep(max(0.0, self._last_put + SETTLING - time.monotonic()))
         for queryable in self._queryables:

@@ -27,7 +27,7 @@ from sensors.files.table import (
     zone_named,
 )
 from sensors.files.text.column_titles import distinct
-from sensors.files.text.columns import leave_out_infinite, log_once
+from sensors.files.text.columns import leave_out_infinite, log_once, said_of_renamed
 from sensors.files.text.dates import MONTHS, zone_in_title
 from sensors.files.text.time_column import ABSOLUTE, ClockError, TextClock, iso
 
@@ -91,7 +91,7 @@ def join_channels(
     """
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
-    channels = _with_names(channels)
+    channels = _with_names(channels, path)
     if wanted.time.column and wanted.stamps:
         channels = _with_time(channels, wanted.time, path)
     if not wanted.names:
@@ -121,9 +121,13 @@ def join_channels(
     return table
 
 
-def _with_names(channels: Sequence[Sep005Channel]) -> list[Sep005Channel]:
+def _with_names(channels: Sequence[Sep005Channel], path: Path) -> list[Sep005Channel]:
     """Return the channels of a whole file by names that differ, whichever of them are read."""
-    names = distinct([str(channel.get("name") or "") for channel in channels])
+    given = [str(channel.get("name") or "") for channel in channels]
+    names = distinct(given)
+    sentence = said_of_renamed(given, names, path, "channel")
+    if sentence:
+        log_once(sentence)
     return [{**channel, "name": name} for channel, name in zip(channels, names, strict=True)]
 
 
@@ -166,7 +170,7 @@ def list_channels(channels: Sequence[Sep005Channel], path: Path) -> ChannelTable
         raise FileError(f"{path}: there is no channel of numbers in it")
     units = [in_standard_unit(str(channel.get("unit_str") or ""))[0] for channel in channels]
     return ChannelTable(
-        names=tuple(channel["name"] for channel in _with_names(channels)),
+        names=tuple(channel["name"] for channel in _with_names(channels, path)),
         units=tuple(units),
         samples=np.empty((0, len(channels))),
         times=None,
@@ -181,7 +185,7 @@ def constant_series(channels: Sequence[Sep005Channel], path: Path) -> tuple[str,
     FileError
         Data that are no series of numbers.
     """
-    series = [(each["name"], _samples(each, path)) for each in _with_names(channels)]
+    series = [(each["name"], _samples(each, path)) for each in _with_names(channels, path)]
     known = [(name, samples[np.isfinite(samples)]) for name, samples in series]
     return tuple(name for name, each in known if not len(each) or each.min() == each.max())
 

@@ -147,15 +147,28 @@ def renamed_columns(given: Sequence[str], columns: SortedColumns, path: Path) ->
     path : Path
         Of the file, for the sentence.
     """
+    sentence = said_of_renamed(given, [column.name for column in columns.all], path, "column")
+    return replace(columns, left_out=(*columns.left_out, sentence)) if sentence else columns
+
+
+def said_of_renamed(given: Sequence[str], names: Sequence[str], path: Path, what: str) -> str:
+    """Return a sentence about those whose name another one has; "" where there are none.
+
+    Parameters
+    ----------
+    given, names : sequence of str
+        Names as the file has them, and those that they are read by.
+    path : Path
+        Of the file, for the sentence.
+    what : str
+        That they are names of: "column".
+    """
     renamed = [
-        f"column {place}, {own!r}, is called {column.name!r}"
-        for place, (own, column) in enumerate(zip(given, columns.all, strict=True), start=1)
-        if own and own != column.name
+        f"{what} {place}, {own!r}, is called {name!r}"
+        for place, (own, name) in enumerate(zip(given, names, strict=True), start=1)
+        if own and own != name
     ]
-    if not renamed:
-        return columns
-    sentence = f"{path}: several columns have one name: {', '.join(renamed)}"
-    return replace(columns, left_out=(*columns.left_out, sentence))
+    return f"{path}: several {what}s have one name: {', '.join(renamed)}" if renamed else ""
 
 
 def _stated_clock(

@@ -34,10 +34,11 @@ _RATE = re.compile(
 )  # fmt: skip
 _SURE = re.compile(r"(?<![a-z])f_?s(?![a-z])|sampl|scan|abtast|mess|acqui", re.IGNORECASE)
 _STEP = re.compile(
-    r"(?<![a-z])(?:dt(?!\d)|delta[ _-]?[tx]"
-    r"|(?:sampl\w*|abtast)[ _-]*(?:interval[a-z]*|period|step|time))" + _GAP + _VALUE + _BEHIND,
+    r"(?<![a-z])(?:dt(?!\d)|delta[ _-]?[tx]|(?:sampl\w*|abtast)[ _-]*"
+    r"(?:interval[a-z]*|step|(?P<duration>period|time)))" + _GAP + _VALUE + _BEHIND,
     re.IGNORECASE,
 )  # fmt: skip
+_LONGEST_STEP = 1.0  # a sampling time or period beyond it is how long was measured [s]
 _HERTZ = {
     **dict.fromkeys(("hz", "sps", "s-1", "s^-1", "s⁻¹"), 1.0),
     **dict.fromkeys(("khz", "ksps"), 1000.0),
@@ -126,7 +127,8 @@ def _rates_in(line: str, decimal_point: str = ".") -> list[float]:
     if found is not None:
         seconds = {each for unit in _units(found) if (each := _seconds(unit)) is not None}
         step = _number(found["value"], decimal_point) * _only(seconds)
-        rates.append(1.0 / step if step else nan)
+        whole = found["duration"] is not None and step > _LONGEST_STEP
+        rates.append(1.0 / step if step and not whole else nan)
     return rates
 
 

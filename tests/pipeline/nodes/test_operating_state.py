@@ -1,5 +1,8 @@
 """Windows know what the turbine was doing."""
 
+from dataclasses import replace
+from math import nan
+
 import numpy as np
 import pytest
 
@@ -58,6 +61,20 @@ def test_a_nacelle_that_stands_towards_any_direction_is_steady(towards: float) -
     assert found.yaw == pytest.approx(towards, abs=1e-6)
     turning = with_conditions(sample(0, yaw=359.0), sample(300, yaw=1.5))
     assert turning.operating_state == CHANGING
+
+
+def test_what_a_controller_did_not_know_for_a_moment_is_left_out_of_a_windows_means() -> None:
+    samples = [sample(second, yaw=359.0 + second / 300) for second in range(0, 600, 10)]
+    unknown = replace(samples[30], wind_speed=nan, rotor_speed=nan, yaw=nan, water_level=nan)
+    told = with_conditions(*samples[:30], unknown, *samples[31:])
+    assert told.operating_state == "parked"
+    assert told.wind_speed == pytest.approx(np.mean([8.0 + i / 10 for i in range(60) if i != 30]))
+    assert told.rotor_speed == 0.0
+    assert told.water_level == 0.5
+    assert told.yaw == pytest.approx(359.0 + (295 - 5 / 59) / 300, abs=1e-3)
+    never = with_conditions(*(replace(unknown, time_ns=each.time_ns) for each in samples))
+    assert np.isnan([never.wind_speed, never.rotor_speed, never.yaw, never.water_level]).all()
+    assert never.operating_state == "parked"
 
 
 def test_a_turbine_without_a_controllers_stream_has_windows_of_unknown_state() -> None:

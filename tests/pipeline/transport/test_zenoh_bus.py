@@ -18,7 +18,7 @@ from zenoh import NTP64
 
 from pipeline.messages import NodeStatus, WindowRejected
 from pipeline.streams import stream_of
-from pipeline.transport import zenoh_arrivals
+from pipeline.transport import zenoh_arrivals, zenoh_bus
 from pipeline.transport.bus import Inbox
 from pipeline.transport.errors import TransportError
 from pipeline.transport.zenoh_arrivals import (
@@ -320,3 +320,15 @@ def test_what_was_on_its_way_longer_than_a_heartbeat_counts_as_recovered() -> No
     assert not is_recovered(sample, 1_717_200_000.7)
     assert is_recovered(sample, 1_717_200_000.8)
     assert not is_recovered(SimpleNamespace(timestamp=None), 1_717_200_000.8)  # of a stranger
+
+
+def test_it_is_said_where_nobody_answers_at_an_endpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: queue.Queue[str] = queue.Queue()
+    monkeypatch.setattr(zenoh_bus, "ALONE", 0.3)
+    monkeypatch.setattr(zenoh_bus.logger, "warning", lambda text, *of: told.put(text % of))
+    with closing(ZenohBus(hub(used := free_endpoint()))), closing(ZenohBus(peer_of(used))) as bus:
+        bus._alone.join(PATIENCE)
+        assert told.empty()
+    with closing(ZenohBus(peer_of(free := free_endpoint()))):
+        assert free in told.get(timeout=PATIENCE)
+    bus._say_if_alone((used,))  # a timer that the closing was a moment late for

@@ -196,3 +196,12 @@ def test_a_start_without_a_zone_is_in_the_one_that_is_stated_beside_it() -> None
     for odd in ("noon", "2024-03-01T12:00,5"):
         with pytest.raises(FileError, match=f"its start is '{odd}'"):
             timestamp_ns(odd, PATH)
+
+
+def test_channels_of_one_name_are_told_what_they_are_called(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "two.npy"  # a sentence is logged once for a file
+    table = join_channels([channel("a", NOISE), channel("a", NOISE[::-1])], path)
+    assert table.names == ("a", "a.2")
+    assert f"{path}: several channels have one name: channel 2, 'a', is called 'a.2'" in caplog.text

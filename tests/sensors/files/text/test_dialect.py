@@ -77,6 +77,10 @@ def test_a_cell_without_a_value_is_known_as_it_is_written(tmp_path: Path) -> Non
         ("Sampling interval [Hz]: 50", None),
         ("dt = 0", None),
         ("Sampling time: 12:30", None),
+        ("Sampling time: 0.05 s", 20.0),
+        ("Sampling time: 600 s", None),  # how long was measured
+        ("Sample period [s]: 60", None),
+        ("Sampling interval: 60 s", 1 / 60),
         ("FS1;FS2", None),  # channels
         ("DT1;DT2", None),
     ],
