@@ -147,15 +147,20 @@ class _Reader:
         self.place += _GROUP.size
         rows = 2 + len(slim.channels)
         lower = self._triangle(members * rows)
-        wide = np.zeros((len(lower), max(n_blocks, len(lower))))
-        wide[:, : len(lower)] = lower
         if members == 1:
+            wide = np.zeros((rows, max(n_blocks, rows)))
+            wide[:, :rows] = lower
             yield wide, n_blocks
             return
+        # As many common columns as there were: the evidence counts them as the blocks that the
+        # covariance was estimated from
+        used = np.flatnonzero(np.any(lower != 0, axis=0))
+        common = np.zeros((len(lower), n_blocks))
+        common[:, : len(used)] = lower[:, used]
         own = self._numbers(members * rows * n_own).reshape(members, rows, n_own)
         for member in range(members):
-            common = wide[member * rows : (member + 1) * rows]
-            yield np.hstack([common, own[member]]), wide.shape[1]
+            of_member = common[member * rows : (member + 1) * rows]
+            yield np.hstack([of_member, own[member]]), n_blocks
 
     def _triangle(self, size: int) -> FloatArray:
         matrix = np.zeros((size, size))

@@ -39,11 +39,15 @@ def test_a_kept_estimate_has_the_covariance_of_each_mode(estimate: ModalEstimate
         assert np.array_equal(ours.shape, theirs.shape)
         assert ours.shape_std[3] == 0.0  # exactly: it is known
         assert (ours.frequency, ours.frequency_std) == (theirs.frequency, theirs.frequency_std)
-        assert ours.pair_id or ours.n_block_columns == theirs.n_block_columns
+        assert ours.n_block_columns == theirs.n_block_columns
 
 
-def test_a_close_pair_is_seen_as_before(estimate: ModalEstimate) -> None:
-    """The variance of its mean frequency needs the covariance between its members."""
+@pytest.mark.parametrize("n_common", [0, 7, 40])
+def test_a_close_pair_is_seen_as_before(estimate: ModalEstimate, n_common: int) -> None:
+    """The variance of its mean frequency needs the covariance between its members, and how sure
+    that variance is the number of blocks that it was estimated from; 0 where it was not."""
+    modes = [replace(mode, n_block_columns=n_common) for mode in estimate.modes]
+    estimate = replace(estimate, modes=tuple(modes))
     (before,) = [each for each in mode_observations(estimate, CHANNELS) if each.close_pair]
     (after,) = [
         each
@@ -52,7 +56,7 @@ def test_a_close_pair_is_seen_as_before(estimate: ModalEstimate) -> None:
     ]
 
     assert np.linalg.norm(after.factor[0]) == pytest.approx(np.linalg.norm(before.factor[0]), 1e-6)
-    assert after.n_blocks == before.n_blocks
+    assert after.n_blocks == before.n_blocks == n_common
 
 
 def test_a_kept_estimate_is_a_seventh_of_what_is_sent(estimate: ModalEstimate) -> None:
