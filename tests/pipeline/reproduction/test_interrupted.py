@@ -36,6 +36,8 @@ def test_an_interrupted_study_ends_without_a_traceback(tmp_path: Path, whole_gro
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
+        # a shell's background job, as this suite may be, ignores Ctrl-C, and so do its children
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
         end = time.monotonic() + PATIENCE
