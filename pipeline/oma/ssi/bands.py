@@ -17,7 +17,7 @@ sharpest estimate.
 """
 
 from dataclasses import dataclass, replace
-from math import inf, sqrt
+from math import ceil, inf, sqrt
 
 from pipeline.oma.preprocessing import HIGH_PASS_BAND, high_pass_taps
 from pipeline.oma.settings import HIGHEST_RELATIVE, OmaSettings, OmaSettingsError
@@ -70,6 +70,11 @@ _SHAPES = (
     replace(_FULL, orders=tuple(range(20, 72, 4))),
     replace(_FULL, high_passed=True),
 )
+# A tower's modes lie where they lie, however fast a logger samples: at 100 Hz bands of the record's
+# own rate would be free of what lies below 1.25 Hz, and with it of the mode at .63 Hz. So a faster
+# record has these bands at its rate divided by a whole number, and full ones above them.
+_FASTEST_PROVEN = 41.0  # rate up to which a record's own rate is the full band's [Hz]
+_FULL_BANDS_APART = 4  # most by which their rates differ: each reaches over a factor of 4.3 [-]
 _SAMPLES_PER_BLOCK_ROW = 6  # a band shorter than this many samples a block row is given fewer rows
 _FEWEST_BLOCK_ROWS = 8
 _REFERENCES_OF_FULL_ORDERS = 8
@@ -98,7 +103,8 @@ def plan_bands(
 
     Notes
     -----
-    The first reaches down to one period within the lags of its Hankel matrix. A record too short
+    The first reaches down to one period within the lags of its Hankel matrix: .02 to .04 Hz of
+    records from 20 Hz on, so that what is found does not depend on the logger. A record too short
     for its slow bands is identified in the faster ones alone. Asked for lower frequencies than
     the slow band reaches, the record gains further bands, each four times slower. Frequencies
     beyond the record's reach leave no band at all (`why_no_band`).
@@ -166,8 +172,22 @@ def why_no_band(
     )
 
 
+def _shapes_at(sampling_rate: float) -> list[_BandShape]:
+    """The bands of a record without any limit, slowest first."""
+    first = ceil(sampling_rate / _FASTEST_PROVEN)
+    shapes = [replace(shape, decimation=first * shape.decimation) for shape in _SHAPES]
+    decimation = first
+    while decimation > 1:
+        decimation = ceil(decimation / _FULL_BANDS_APART)
+        shapes += [replace(shape, decimation=decimation) for shape in _SHAPES[-2:]]
+    return [
+        replace(shape, upper=min(shape.upper, _MIDDLE.upper)) if shape.decimation > 1 else shape
+        for shape in shapes
+    ]
+
+
 def _shapes_down_to(lowest: float | None, sampling_rate: float) -> list[_BandShape]:
-    shapes = list(_SHAPES)
+    shapes = _shapes_at(sampling_rate)
     while lowest is not None and lowest < _reach(shapes[0], sampling_rate):
         shapes.insert(0, replace(shapes[0], decimation=4 * shapes[0].decimation))
     return shapes

@@ -1,5 +1,6 @@
 """Bands of a record: their filters, and what a high pass brings to light."""
 
+import math
 import re
 
 import numpy as np
@@ -14,8 +15,8 @@ from pipeline.oma.preprocessing import (
     high_pass_taps,
     n_decimated,
 )
-from pipeline.oma.settings import OmaSettings
-from pipeline.oma.ssi.bands import _orders, plan_bands
+from pipeline.oma.settings import HIGHEST_RELATIVE, OmaSettings
+from pipeline.oma.ssi.bands import Band, _orders, plan_bands
 from pipeline.scenario import scenario_from_text
 from tests.pipeline.oma.conftest import KnownStructure
 
@@ -50,6 +51,35 @@ def test_a_window_has_slow_bands_and_a_short_one_only_what_it_carries() -> None:
     short = plan_bands(n_samples=300, n_channels=8, sampling_rate=RATE, settings=OmaSettings())
     assert not short[0].high_passed
     assert all(band.decimation == 1 for band in short)
+
+
+def planned(rate: float, duration: float = 600.0) -> tuple[Band, ...]:
+    n = round(duration * rate)
+    return plan_bands(n_samples=n, n_channels=8, sampling_rate=rate, settings=OmaSettings())
+
+
+@pytest.mark.parametrize("rate", [*np.geomspace(20.0, 2000.0, 41), 40.001, 41.001, 82.001, 128.0])
+def test_the_bands_reach_a_towers_modes_at_every_rate_without_a_gap(rate: float) -> None:
+    """As at 40 Hz: the slowest hold a period of .04 Hz and are free of what lies below .51 Hz at
+    most, so that a second bending mode at .6 Hz is in them, and each band begins where lower ones
+    still reach."""
+    bands = planned(rate)
+    slowest = [band for band in bands if band.decimation == bands[0].decimation]
+    assert [band.high_passed for band in slowest] == [False, True]
+    assert slowest[0].lowest < 0.041
+    assert slowest[1].lowest < 0.52
+    reached = 0.0
+    for band in bands:
+        assert band.lowest < max(reached, 0.041)
+        reached = max(reached, band.highest)
+    for band, next_band in zip(bands[1::2], bands[3::2], strict=False):  # free of what lies below
+        assert next_band.lowest < band.highest
+    assert reached == pytest.approx(HIGHEST_RELATIVE * rate)
+    assert len(bands) <= 6 + 2 * math.ceil(math.log(max(rate / 41.0, 1.0), 3))
+
+
+def test_a_clock_that_runs_fast_changes_no_band() -> None:
+    assert [b.decimation for b in planned(40.0)] == [b.decimation for b in planned(40.04)]
 
 
 def test_a_mode_beside_a_much_stronger_sea_is_found(cantilever: KnownStructure) -> None:
