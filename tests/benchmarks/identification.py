@@ -1,11 +1,12 @@
 """Identification: speed against public implementations, and what it finds blind.
 
     python -m tests.benchmarks identification [speed] [blind SEEDS [FIRST_SEED]] [keep]
+    python -m tests.benchmarks identification rates SEEDS FIRST_SEED [keep]
 
 `speed` measures CPU time on one thread, 8 channels, 600 s; peers (pyOMA-2, koma-python) are
 measured in the same run where they are installed. `blind` simulates the parked turbine at its
 nominal foundation, an hour a seed, and identifies its six windows with the default settings;
-`keep` writes the results.
+`rates` does it at the sampling rates of other loggers. `keep` writes the results.
 """
 
 import importlib.util
@@ -58,6 +59,8 @@ HIGHEST_JUDGED = 12.5  # [Hz]
 FIRST_SEED = 1000
 WINDOWS_OF_SET = 6  # of a seed
 EDGE = 0.43  # of the sampling rate, from which an anti-alias filter lies [-]
+RATES = (20.0, 25.6, 50.0, 64.0, 100.0, 128.0, 200.0, 256.0)  # of loggers [Hz]
+SLOW_MODES = ("1", "2", "3", "4", "5", "6")  # that speak most of the foundation
 
 
 def main(arguments: list[str]) -> None:
@@ -71,6 +74,21 @@ def main(arguments: list[str]) -> None:
                 command="python -m tests.benchmarks identification speed keep",
                 seeds=(FIRST_SEED,),
                 depends=("pipeline/oma",),
+            )
+    if "rates" in arguments:
+        n_seeds, first = (int(word) for word in arguments if word.isdigit())
+        found = at_rates(n_seeds, first)
+        if "keep" in arguments:
+            keep(
+                "identification-rates",
+                found,
+                command=f"python -m tests.benchmarks identification rates {n_seeds} {first} keep",
+                seeds=range(first, first + n_seeds),
+                depends=(
+                    "pipeline/oma",
+                    "sensors/simulation",
+                    "tests/benchmarks/identification.py",
+                ),
             )
     if not arguments or "blind" in arguments:
         after = arguments[arguments.index("blind") + 1 :] if arguments else []
@@ -92,8 +110,8 @@ def main(arguments: list[str]) -> None:
             )
 
 
-def parked_record(seed: int, duration: float) -> FloatArray:
-    settings = SimulationSettings(seed=seed, duration=duration)
+def parked_record(seed: int, duration: float, sampling_rate: float = 40.0) -> FloatArray:
+    settings = SimulationSettings(seed=seed, duration=duration, sampling_rate=sampling_rate)
     tower = SimulatedTower(load_turbine("iea15mw_monopile"), LAYOUT, settings)
     return np.concatenate(list(tower.samples())).astype(np.float64)
 
@@ -269,6 +287,36 @@ def blind(n_seeds: int, first_seed: int = FIRST_SEED) -> dict[str, float]:
         print(f"mode {label}: a mixture passed off as one in {share:.3f} of windows (at most .02)")
     figures["spurious"], figures["duplicates"] = false_modes(truth, windows)
     return figures | high_band_bias(truth, windows, n_seeds)
+
+
+def at_rates(n_seeds: int, first_seed: int) -> dict[str, float]:
+    """Print and return what is found of each mode at each logger's rate, where the rate reaches.
+
+    The simulator has no anti-alias filter: what lies above half a rate is folded into the record,
+    and modes that are none are not counted.
+    """
+    truth = full_modes(
+        load_turbine("iea15mw_monopile"), LAYOUT, tube_refinement=2, highest_frequency=13.5
+    )
+    figures: dict[str, float] = {"windows": float(WINDOWS_OF_SET * n_seeds)}
+    shares, rarest, holds = [], [], []
+    for rate in RATES:
+        records = (parked_record(first_seed + k, 3600.0, rate) for k in range(n_seeds))
+        windows = [
+            identify(part, rate).modes
+            for record in records
+            for part in np.split(record, WINDOWS_OF_SET)
+        ]
+        print(f"{rate:g} Hz")
+        reached = [label for label in TABLE_1 if TABLE_1[label][1] < EDGE * rate]
+        everything = {label: judged_mode(label, truth, windows) for label in reached}
+        found = {label: len(each.z) / len(windows) for label, each in everything.items()}
+        holds += [np.abs(each.z) < 1.96 for each in everything.values()]
+        shares.append(float(np.mean(list(found.values()))))
+        rarest.append(min(found[label] for label in SLOW_MODES))
+        figures[f"found_{rate:g}"], figures[f"rarest_slow_{rate:g}"] = shares[-1], rarest[-1]
+    figures["cover95"] = float(np.mean(np.concatenate(holds)))
+    return figures | {"least_found": min(shares), "rarest_slow": min(rarest)}
 
 
 def high_band_bias(
