@@ -59,7 +59,7 @@ HIGHEST_JUDGED = 12.5  # [Hz]
 FIRST_SEED = 1000
 WINDOWS_OF_SET = 6  # of a seed
 EDGE = 0.43  # of the sampling rate, from which an anti-alias filter lies [-]
-RATES = (20.0, 25.6, 50.0, 64.0, 100.0, 128.0, 200.0, 256.0)  # of loggers [Hz]
+RATES = (20.0, 25.0, 50.0, 64.0, 100.0, 128.0, 200.0, 256.0)  # of loggers [Hz]
 SLOW_MODES = ("1", "2", "3", "4", "5", "6")  # that speak most of the foundation
 
 
