@@ -72,9 +72,10 @@ _SHAPES = (
 )
 # A tower's modes lie where they lie, however fast a logger samples: at 100 Hz bands of the record's
 # own rate are free of what lies below 1.25 Hz, and of the mode at .63 Hz with it. So a faster
-# record has these bands at its rate divided by a whole number, and full ones above them. Of 65
-# records faster than 41 Hz (`records`, seeds 5001 to 5340) 323 of 335 modes were found so, and 296
-# of their intervals held; with the bands of its own rate 322 and 294, with both 321 and 289.
+# record has these bands at its rate divided by a whole number, and full ones above them. Of 67
+# records faster than 41 Hz (`records`, seeds 5001 to 5020, 5201 to 5240, 5301 to 5339) 323 of 335
+# modes were found so, and 296 of their intervals held; with the bands of its own rate 322 and 294,
+# with both 321 and 289.
 _FASTEST_PROVEN = 41.0  # rate up to which a record's own rate is the full band's [Hz]
 _FULL_BANDS_APART = 4  # most by which their rates differ: each reaches over a factor of 4.3 [-]
 _SAMPLES_PER_BLOCK_ROW = 6  # a band shorter than this many samples a block row is given fewer rows
