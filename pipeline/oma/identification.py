@@ -294,7 +294,9 @@ def concluded(
     judged = _judged(by_band, steady, sampling_rate, settings)
     warnings = [finding.warning for finding in findings]
     by_lines = Sharpened(tuple(judged.modes), tuple(judged.refused))
-    if steady.shape[1] <= MOST_FITTED_CHANNELS:
+    if steady.shape[1] > MOST_FITTED_CHANNELS:
+        warnings.append(_too_many_channels(steady.shape[1]))
+    else:
         spectrum = WindowSpectrum(steady, sampling_rate, integrations, left)
         twins = _twins_beside(by_band, [*judged.modes, *judged.harmonics])
         stationary = all(finding.code != NON_STATIONARY for finding in findings)
@@ -437,6 +439,14 @@ def _twins_beside(
         if not any(abs(twins.frequency - f) <= TWINS_PLACE * twins.frequency for f in others):
             found.append(twins)
     return found
+
+
+def _too_many_channels(n_channels: int) -> QualityWarning:
+    return QualityWarning(
+        "many-channels",
+        f"of {n_channels} channels modes side by side are not told apart, one may stand for two "
+        f"(of {MOST_FITTED_CHANNELS} or fewer they are): leave some out of the layout",
+    )
 
 
 def _steady_amplitude(mode: Mode) -> QualityWarning:

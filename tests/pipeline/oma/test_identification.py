@@ -39,6 +39,12 @@ def test_a_slow_tower_and_a_fast_frame_need_no_other_settings(
     assert_modes_found(laboratory_frame, identify(frame, 100.0), tolerance=0.01)
 
 
+def test_what_is_not_looked_at_of_many_channels_is_said() -> None:
+    noise = np.random.default_rng(21).standard_normal((2400, 21))
+    told = [[each.code for each in identify(noise[:, :n], 20.0).warnings] for n in (20, 21)]
+    assert told == [[], ["many-channels"]]
+
+
 def test_largest_component_is_one_and_has_no_variance(cantilever: KnownStructure) -> None:
     y = cantilever.ambient_response(sampling_rate=40.0, duration=300.0, seed=3)
     for mode in identify(y, 40.0).modes:
