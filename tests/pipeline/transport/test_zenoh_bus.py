@@ -5,6 +5,7 @@ import queue
 import random
 import socket
 import threading
+import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -324,11 +325,14 @@ def test_what_was_on_its_way_longer_than_a_heartbeat_counts_as_recovered() -> No
 
 def test_it_is_said_where_nobody_answers_at_an_endpoint(monkeypatch: pytest.MonkeyPatch) -> None:
     told: queue.Queue[str] = queue.Queue()
-    monkeypatch.setattr(zenoh_bus, "ALONE", 0.3)
     monkeypatch.setattr(zenoh_bus.logger, "warning", lambda text, *of: told.put(text % of))
     with closing(ZenohBus(hub(used := free_endpoint()))), closing(ZenohBus(peer_of(used))) as bus:
-        bus._alone.join(PATIENCE)
+        end = time.monotonic() + PATIENCE
+        while not bus.links() and time.monotonic() < end:
+            time.sleep(0.01)
+        bus._say_if_alone((used,))
         assert told.empty()
+    monkeypatch.setattr(zenoh_bus, "ALONE", 0.1)
     with closing(ZenohBus(peer_of(free := free_endpoint()))):
         assert free in told.get(timeout=PATIENCE)
     bus._say_if_alone((used,))  # a timer that the closing was a moment late for

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sensors.acquisition.scada import ScadaSample
+from sensors.arrays import FloatArray
 from sensors.files.block_builder import open_file
 from sensors.files.channel_names import other_quantity
 from sensors.files.conditions import condition_channels, read_conditions, state_of_rotor
@@ -65,16 +67,21 @@ def test_angles_of_the_turbine_are_found_in_other_languages(yaw: str, pitch: str
     assert other_quantity(yaw, "°") == other_quantity(pitch, "") == "an angle of the turbine"
 
 
-def test_samples_are_means_of_ten_seconds_and_the_rest_is_unknown(tmp_path: Path) -> None:
-    path = tmp_path / "tower.csv"
-    times = np.arange(400) / 20
-    wind = np.where(times < 10, 4.0, 8.0)
-    table = np.column_stack([1_700_000_000 + times, np.sin(times), wind])
-    np.savetxt(
-        path, table, delimiter=",", header="time,acc_85m_x,WindSpeed [m/s]", comments="", fmt="%.3f"
-    )
+TIMES = np.arange(400) / 20  # [s]
+
+
+def conditions_of(path: Path, title: str, values: FloatArray) -> list[ScadaSample]:
+    """What a file of twenty seconds at 20 Hz tells of one column beside an acceleration."""
+    table = np.column_stack([1_700_000_000 + TIMES, np.sin(TIMES), values])
+    header = f"time,acc_85m_x,{title}"
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.3f")
     file, first = open_file(path)
-    found = list(read_conditions([file], condition_channels(first.names, first.units), "t1"))
+    return list(read_conditions([file], condition_channels(first.names, first.units), "t1"))
+
+
+def test_samples_are_means_of_ten_seconds_and_the_rest_is_unknown(tmp_path: Path) -> None:
+    wind = np.where(TIMES < 10, 4.0, 8.0)
+    found = conditions_of(tmp_path / "tower.csv", "WindSpeed [m/s]", wind)
     assert [each.wind_speed for each in found] == [4.0, 8.0]
     assert [each.time_ns for each in found] == [1_700_000_000 * 10**9, 1_700_000_010 * 10**9]
     assert math.isnan(found[0].water_level)
@@ -82,15 +89,8 @@ def test_samples_are_means_of_ten_seconds_and_the_rest_is_unknown(tmp_path: Path
 
 
 def test_a_mean_yaw_towards_north_is_north(tmp_path: Path) -> None:
-    path = tmp_path / "tower.csv"
-    times = np.arange(400) / 20
-    yaw = np.where(times < 10, 0.3 * (-1.0) ** np.arange(400) % 360, 200.0)
-    table = np.column_stack([1_700_000_000 + times, np.sin(times), yaw])
-    np.savetxt(
-        path, table, delimiter=",", header="time,acc_85m_x,yaw [deg]", comments="", fmt="%.3f"
-    )
-    file, first = open_file(path)
-    found = list(read_conditions([file], condition_channels(first.names, first.units), "t1"))
+    yaw = np.where(TIMES < 10, 0.3 * (-1.0) ** np.arange(400) % 360, 200.0)
+    found = conditions_of(tmp_path / "tower.csv", "yaw [deg]", yaw)
     assert [each.yaw for each in found] == [0.0, 200.0]
 
 
