@@ -38,6 +38,18 @@ def test_results_behind_rows_say_how_they_were_measured() -> None:
         assert result["command"].startswith("python -m tests.")
 
 
+def test_a_row_of_the_same_records_is_of_the_seeds_of_the_one_before() -> None:
+    """A peer on other records would be told as better or worse than it is."""
+    table = rows()
+    same = [place for place, row in enumerate(table) if row.what.startswith("the same records")]
+    assert same
+    for place in same:
+        ours, theirs = kept(table[place].result), kept(table[place - 1].result)
+        assert ours is not None
+        assert theirs is not None
+        assert ours["seeds"] == theirs["seeds"]
+
+
 def test_every_row_names_a_command_that_exists() -> None:
     names = {file.stem for file in BENCHMARKS.glob("*.py")}
     for row in rows():

@@ -129,6 +129,8 @@ class Outcome:
     """[%]"""
     trusted: bool
     doubts: tuple[str, ...]
+    named: bool
+    """Whether the sensor that is wrong is named, and with what is wrong with it."""
     relative_cost: float
     unpredicted: float
     conflict: float
@@ -158,6 +160,7 @@ def outcome(case: Case, sign: SpringSign, inference: JointInference) -> Outcome 
     seconds = time.process_time() - started
     reached = against(posterior, truth.theta)
     doubts = distrust(posterior, UpdatingSettings().guards)
+    named = [doubt.text for doubt in doubts if doubt.code == "sensor"]
     pairing = posterior.best.peak.comparison.pairing
     return Outcome(
         name=case.name,
@@ -168,6 +171,7 @@ def outcome(case: Case, sign: SpringSign, inference: JointInference) -> Outcome 
         error=reached.error,
         trusted=not doubts,
         doubts=tuple(f"{doubt.code}: {doubt.text}" for doubt in doubts),
+        named=bool(case.faults) and any(text.startswith(_named(case)) for text in named),
         relative_cost=posterior.best.peak.relative_cost,
         unpredicted=posterior.checks.unpredicted_share,
         conflict=abs(posterior.conflicts[0].deviations) if posterior.conflicts else 0.0,
@@ -176,6 +180,21 @@ def outcome(case: Case, sign: SpringSign, inference: JointInference) -> Outcome 
         paired=pairing.paired_share,
         seconds=seconds,
     )
+
+
+def _named(case: Case) -> str:
+    """How a posterior begins to name the fault of a case's sensors."""
+    fault = case.faults[0]
+    if len(case.faults) > 1:
+        return "all sensors are turned"
+    if fault.kind == "swapped":
+        low, high = sorted((fault.elevation, fault.size))
+        return f"the sensors at {low:g} m and {high:g} m are swapped"
+    if fault.kind in ("flipped", "gain"):
+        at = [c.name for c in LAYOUT.channels if c.elevation == fault.elevation]
+        return f"channel {at[fault.axis]} " + {"flipped": "is flipped", "gain": "reads"}[fault.kind]
+    what = {"turned": "is turned", "height": "sits"}[fault.kind]
+    return f"the sensor at {fault.elevation:g} m {what}"
 
 
 def measured(case: Case, sign: SpringSign, rng: np.random.Generator) -> tuple[Truth, ModalEvidence]:
@@ -383,9 +402,7 @@ class Table:
                 any(doubt.startswith("springs-sign") for doubt in each.doubts)
                 for each in self.outcomes
             ),
-            "sensors_named": sum(
-                any(doubt.startswith("sensor") for doubt in each.doubts) for each in self.outcomes
-            ),
+            "sensors_named": sum(each.named for each in self.outcomes),
             "held_or_named": int(sum(all(o.held) or not o.trusted for o in self.outcomes)),
         }
 
