@@ -21,6 +21,7 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.nodes.identification import IdentificationNode
+from pipeline.nodes.operating_state import LONGEST_HOLD
 from pipeline.oma.settings import OmaSettings
 from pipeline.recording.salvage import remaining_messages
 from pipeline.runtime.source_feed import with_end
@@ -32,7 +33,6 @@ from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import one_blas_thread
 
 ARCHIVE_SESSION = "archive"  # what the samples of a chain become, whatever sessions they are of
-SCADA_BEFORE = 600.0  # in which the state at a window's beginning was reported [s]
 TRACKING = "mode-"  # codes of warnings that come from following modes over windows
 WHOLE_FILES = 10**9  # blocks of a task that wait for those before them: those of its files at most
 READ = (SensorLayout, AccelerationBlock, ScadaSample, FoundationTruth)
@@ -111,7 +111,7 @@ def task_messages(task: IdentificationTask) -> Iterator[Message]:
 def _as_recorded(task: IdentificationTask) -> Iterator[Message]:
     """The same in the order of recording."""
     if task.before is not None:
-        since = task.start_ns - round(SCADA_BEFORE * NANOSECONDS)
+        since = task.start_ns - round(LONGEST_HOLD * NANOSECONDS)
         for sample in messages_of(task.before, (ScadaSample,)):
             if _is_of(sample, task.turbine) and since <= message_time(sample) < task.start_ns:
                 yield sample

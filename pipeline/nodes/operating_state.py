@@ -3,9 +3,9 @@ nacelle's axes, along which their shapes are compared."""
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
@@ -20,15 +20,19 @@ from pipeline.modal_assurance import normalised_to, renormalised_factor
 from pipeline.oma.data_quality.coupled_harmonics import TURNING_ROTOR
 from pipeline.oma.data_quality.input_checks import NON_STATIONARY, SILENT_CHANNEL
 from pipeline.oma.data_quality.turning_rotor import SLOWEST
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout, turning_matrix
 from sensors.acquisition.scada import ScadaSample
 from sensors.arrays import FloatArray
 from sensors.directions import mean_direction, turned_from
 from sensors.errors import InputError
 
+Known = TypeVar("Known")
+
 OPERATING_STATES = ("parked", "idling", "start", "operating", "stop")
 CHANGING = "changing"  # state of a window during which the state or the yaw changed
 STEADY_YAW = 2.0  # range of the yaw over a window whose axes are known [deg]
+LONGEST_HOLD = 3600.0  # of a value that is not reported again: water tables have one an hour [s]
 KEPT_SAMPLES = 10_000  # SCADA samples that are remembered: more than a day at 10 s
 
 
@@ -70,22 +74,22 @@ class OperationLog:
     def with_conditions(self, estimate: ModalEstimate) -> ModalEstimate:
         """Return the estimate with what the controller reported of its window; unchanged where it
         reported nothing."""
-        samples = self._during(estimate.start_ns, estimate.end_ns)
+        samples = self._until(estimate.start_ns, estimate.end_ns)
         if not samples:
             return estimate
-        states = list(dict.fromkeys(sample.state for sample in samples))
-        yaws = np.array([sample.yaw for sample in samples])
-        known = yaws[np.isfinite(yaws)]
-        mean_yaw = mean_direction(known)
-        deviations = turned_from(known, mean_yaw)
-        steady = len(states) == 1 and (not known.size or np.ptp(deviations) <= STEADY_YAW)
+        begin = estimate.start_ns
+        states = list(dict.fromkeys(_known(samples, begin, lambda sample: sample.state)))
+        yaws = np.array(_known(samples, begin, lambda sample: sample.yaw))
+        mean_yaw = mean_direction(yaws)
+        deviations = turned_from(yaws, mean_yaw)
+        steady = len(states) <= 1 and (not yaws.size or np.ptp(deviations) <= STEADY_YAW)
         return replace(
             estimate,
-            operating_state=states[0] if steady else CHANGING,
-            wind_speed=_mean_known([sample.wind_speed for sample in samples]),
-            rotor_speed=_mean_known([sample.rotor_speed for sample in samples]),
+            operating_state="".join(states) if steady else CHANGING,
+            wind_speed=_mean(_known(samples, begin, lambda sample: sample.wind_speed)),
+            rotor_speed=_mean(_known(samples, begin, lambda sample: sample.rotor_speed)),
             yaw=mean_yaw,
-            water_level=_mean_known([sample.water_level for sample in samples]),
+            water_level=_mean(_known(samples, begin, lambda sample: sample.water_level)),
         )
 
     def rotor_speed(self, start_ns: int, end_ns: int, n_samples: int) -> FloatArray | None:
@@ -101,7 +105,8 @@ class OperationLog:
         ndarray, shape (n_samples,), or None
             Speed [rpm]; None where the controller reports none.
         """
-        known = [s for s in self._during(start_ns, end_ns) if math.isfinite(s.rotor_speed)]
+        samples = self._until(start_ns, end_ns)
+        known = _known(samples, start_ns, lambda s: s if math.isfinite(s.rotor_speed) else None)
         if not known:
             return None
         step = (end_ns - start_ns) / max(n_samples, 1)
@@ -111,18 +116,38 @@ class OperationLog:
             [sample.rotor_speed for sample in known],
         )
 
-    def _during(self, start_ns: int, end_ns: int) -> list[ScadaSample]:
-        """Samples of the window, and the one that holds when it begins."""
-        known = self._samples
-        before = [sample for sample in known if sample.time_ns <= start_ns]
-        inside = [sample for sample in known if start_ns < sample.time_ns < end_ns]
-        return before[-1:] + inside
+    def _until(self, start_ns: int, end_ns: int) -> list[ScadaSample]:
+        """Samples of the window and those that may hold when it begins, the earliest first."""
+        since = start_ns - round(LONGEST_HOLD * NANOSECONDS)
+        recent = [sample for sample in self._samples if since <= sample.time_ns < end_ns]
+        return sorted(recent, key=lambda sample: sample.time_ns)
 
 
-def _mean_known(values: Sequence[float]) -> float:
+def _known(
+    samples: Sequence[ScadaSample],
+    start_ns: int,
+    quantity: Callable[[ScadaSample], Known | None],
+) -> list[Known]:
+    """Known values of a quantity in a window, first the one that holds when it begins.
+
+    A controller reports a quantity without the others, and at times does not know it.
+    """
+    before: list[Known] = []
+    inside: list[Known] = []
+    for sample in samples:
+        value = quantity(sample)
+        if value is None or value == "" or value != value:  # NaN alone differs from itself
+            continue
+        if sample.time_ns <= start_ns:
+            before = [value]
+        else:
+            inside.append(value)
+    return before + inside
+
+
+def _mean(values: Sequence[float]) -> float:
     """Return the mean of the values that the controller knew; NaN if it knew none."""
-    known = [value for value in values if math.isfinite(value)]
-    return float(np.mean(known)) if known else math.nan
+    return float(np.mean(values)) if values else math.nan
 
 
 def usable_estimate(

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ScadaSample:
-    """What the controller reports at one moment; it holds until the next sample."""
+    """What the controller reports at one moment: each value that it knows holds until the next one
+    of that kind, for an hour at most."""
 
     turbine: str
     time_ns: int

@@ -35,17 +35,17 @@ def task_of(path: Path, start_ns: int, *, seconds: int) -> IdentificationTask:
     )
 
 
-def test_the_state_that_was_reported_in_the_ten_minutes_before_is_read_from_the_file_before(
+def test_what_was_reported_in_the_hour_before_is_read_from_the_file_before(
     tmp_path: Path,
 ) -> None:
-    """Controllers report a state that holds every few minutes only."""
-    start_ns = START_NS + 60 * MINUTE
-    before = recorded(tmp_path / "before.mcap", [reported(45), reported(55), reported(65)])
+    """Controllers report a state every few minutes only, tables of water levels one an hour."""
+    start_ns = START_NS + 120 * MINUTE
+    before = recorded(tmp_path / "before.mcap", [reported(45), reported(75), reported(125)])
     first = replace(block(0), start_ns=start_ns)
     path = recorded(tmp_path / "own.mcap", [LAYOUT, first])
     task = replace(task_of(path, start_ns, seconds=1), before=before)
     read = [each for each in task_messages(task) if isinstance(each, ScadaSample)]
-    assert [each.time_ns for each in read] == [START_NS + 55 * MINUTE]
+    assert [each.time_ns for each in read] == [START_NS + 75 * MINUTE]
 
 
 def test_a_block_of_which_the_end_is_wanted_begins_when_that_was_measured() -> None:

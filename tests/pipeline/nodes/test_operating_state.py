@@ -44,6 +44,32 @@ def test_of_earlier_reports_the_latest_holds() -> None:
     assert told.operating_state == "idling"
 
 
+def test_what_a_controller_that_fell_silent_said_last_does_not_hold_for_ever() -> None:
+    last = sample(-3600.0, yaw=40.0)
+    assert with_conditions(last).operating_state == "parked"
+    silent = with_conditions(replace(last, time_ns=last.time_ns - NANOSECONDS))
+    assert silent.operating_state == ""
+    assert np.isnan([silent.yaw, silent.water_level]).all()
+
+
+def test_a_tide_gauge_beside_the_controller_changes_no_state_and_hides_none() -> None:
+    """Two feeds of one turbine, each of which knows some of the quantities."""
+    gauge = replace(sample(0), state="", wind_speed=nan, rotor_speed=nan, yaw=nan, water_level=1.5)
+    controller = replace(sample(-300.0, yaw=10.0), water_level=nan)
+    levels = [replace(gauge, time_ns=START_NS + k * 60 * NANOSECONDS) for k in range(-2, 10)]
+    told = with_conditions(controller, *levels)
+    assert told.operating_state == "parked"
+    assert told.yaw == pytest.approx(10.0)
+    assert told.water_level == 1.5
+    assert told.wind_speed == controller.wind_speed
+
+
+def test_a_state_that_is_unknown_for_a_moment_is_left_out() -> None:
+    samples = [sample(second) for second in range(0, 600, 10)]
+    samples[30] = replace(samples[30], state="")
+    assert with_conditions(*samples).operating_state == "parked"
+
+
 def test_a_window_in_which_the_state_or_the_yaw_changes_is_changing() -> None:
     assert with_conditions(sample(0), sample(300, "start")).operating_state == CHANGING
     assert with_conditions(sample(0), sample(300, yaw=15.0)).operating_state == CHANGING
