@@ -167,6 +167,12 @@ def calibrate(
             "nothing; with `water_level` by SCADA more is learned.",
             soft_wrap=True,
         )
+    elif found.n_level_unknown:
+        output.print(
+            f"Of {found.n_level_unknown} windows nothing reported the water level: they are in no "
+            "group.",
+            soft_wrap=True,
+        )
     last = f'Written: {out}; use it with [turbine] description = "{out}"'
     output.print(last, soft_wrap=True, markup=False)
 

@@ -58,10 +58,16 @@ class TurbineCalibration:
     """Mean water level of each group of windows, above the model's [m]."""
     n_windows: int
     n_refused: int
-    level_known: bool
-    """Whether anything reported the water's level."""
+    n_level_unknown: int
+    """Windows whose water level nothing reported; unless it is all of them, they are in no
+    group."""
     text: str
     """Of the description with the calibration, as TOML."""
+
+    @property
+    def level_known(self) -> bool:
+        """Whether anything reported the water's level."""
+        return self.n_level_unknown < self.n_windows
 
     @property
     def best(self) -> CalibratedAlternative:
@@ -154,6 +160,12 @@ def calibrate_turbine(
             f"{files[0]}: {len(windows)} windows can be used, {refused} cannot; a calibration "
             f"takes at least {FEWEST_TO_CALIBRATE}, better a week of tides"
         )
+    with_level = sum(window.level_known for window in windows)
+    if 0 < with_level < FEWEST_TO_CALIBRATE:
+        raise InputError(
+            f"{files[0]}: {with_level} of {len(windows)} windows have a water level; a calibration "
+            f"takes at least {FEWEST_TO_CALIBRATE} that have one, or sessions without any"
+        )
     with one_blas_thread():
         inference = joint_inference(
             structure, first.layout, first.scenario.updating, seed=first.scenario.seed
@@ -196,7 +208,7 @@ def _calibrated(
         levels=tuple(rise for rise, _ in levels),
         n_windows=len(windows),
         n_refused=refused,
-        level_known=any(window.level_known for window in windows),
+        n_level_unknown=sum(not window.level_known for window in windows),
         text=with_section(description_text(source.scenario), calibration),
     )
 

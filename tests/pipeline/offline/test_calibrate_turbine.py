@@ -94,6 +94,10 @@ def test_what_cannot_be_calibrated_is_refused_in_one_line(estimates, tmp_path: P
             tmp_path / "half.mcap",
             [*estimates[:3], *(replace(each, modes=()) for each in estimates[3:6])],
         ),
+        f"3 of {len(estimates)} windows have a water level": session(
+            tmp_path / "level.mcap",
+            [*estimates[:3], *(replace(each, water_level=np.nan) for each in estimates[3:])],
+        ),
         "its structure changed in window 3": session(tmp_path / "e.mcap", [*estimates, event]),
     }
     for words, path in refused.items():

@@ -252,22 +252,36 @@ def evidence_by_level(
 ) -> tuple[ModalEvidence, list[tuple[float, ModalEvidence]]]:
     """The evidence of all windows, and that of each water level with its rise [m].
 
-    A mode has one track and one unit component at every level.
+    A mode has one track and one unit component at every level. A window whose level nothing
+    reported is at none of them, unless nothing reported any.
     """
-    rises = np.array([window.rise for window in windows])
+    known = [window for window in windows if window.level_known]
+    unknown = not known
+    known = known or list(windows)
+    rises = np.array([window.rise for window in known])
     numbers = _level_numbers(rises)
     centres = [float(rises[numbers == k].mean()) for k in range(numbers.max() + 1)]
+    places = iter(numbers.tolist())
     whole = empty
     modes: list[dict[int, ModeEvidence]] = [{} for _ in centres]
-    for window, k in zip(windows, numbers.tolist(), strict=True):
+    for window in windows:
         whole = whole.with_window(window)
-        _add(modes[k], window, whole)
+        if window.level_known or unknown:
+            _add(modes[next(places)], window, whole)
     kept = {mode.track for mode in whole.modes}
     counts = np.bincount(numbers)
     levels = [
-        (centre, replace(whole, n_windows=int(count), modes=_ordered(here, kept)))
+        (
+            centre,
+            replace(
+                whole,
+                n_windows=int(count),
+                n_unknown_levels=int(count) * unknown,
+                modes=_ordered(here, kept),
+            ),
+        )
         for centre, here, count in zip(centres, modes, counts, strict=True)
-        if count >= min(FEWEST_OF_A_LEVEL, len(windows))
+        if count >= min(FEWEST_OF_A_LEVEL, len(known))
     ]
     return whole, levels
 
