@@ -3,12 +3,13 @@
 python -m tests.benchmarks figures [--check]
 
 `figures.toml` has a row for each figure: a result, and a title and a pattern that its figures fill
-in. A row whose code is newer than its result, as `_newer_code` has it, is marked *, and the first
+in. The command beside it is the one that made the result, seeds and all. A row whose code is newer than its result, as `_newer_code` has it, is marked *, and the first
 definition that is newer is printed. `--check` writes nothing and exits with 1 where a table is not
 what the results give, or a row is old.
 """
 
 import argparse
+import re
 import sys
 import tomllib
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ BEGIN, END = (
     "<!-- figures end -->",
 )
 README, PAGE = ROOT / "README.md", ROOT / "docs" / "pages" / "accuracy.md"
+BENCHMARKS = "python -m tests.benchmarks "
+_KEPT = re.compile(r" (--keep|--write|keep)$")
 LEGEND = (
     "\\* a definition in the code behind the figure is newer than the measurement; comments, "
     "docstrings, messages and the module that it stands in do not count. Results, with seeds, "
@@ -38,8 +41,6 @@ class Row:
     """Of what it is a figure; like `figure` with {names} of the result's figures."""
     figure: str
     """With {names} of the result's figures."""
-    command: str
-    """That measures again, behind `python -m tests.benchmarks`, or a command of its own."""
     result: str
     """Name of the result's file."""
     readme: bool = False
@@ -55,6 +56,12 @@ class Row:
         """The figure as a table shows it, with its mark."""
         filled = self._filled(self.figure)
         return f"{filled} *" if self.is_old else filled
+
+    @property
+    def command(self) -> str:
+        """That measured it, behind `python -m tests.benchmarks` unless it is a command of its own;
+        without the option that keeps the result."""
+        return _KEPT.sub("", str(self._certificate["command"]).removeprefix(BENCHMARKS))
 
     @property
     def is_old(self) -> bool:
