@@ -9,7 +9,7 @@ from pipeline.oma.windows import block_admission
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "pages" / "reference" / "warnings.md"
-MAKERS = {"QualityWarning", "Finding", "rejected_estimate"}
+MAKERS = {"QualityWarning", "Finding", "rejected_estimate", "EstimateRefused"}
 CODE = re.compile(r"[a-z]+(?:-[a-z]+)*")
 BY_TEXT = {"no-paired-mode", "mode-birth", "mode-death", "mode-drift"}  # made otherwise
 
