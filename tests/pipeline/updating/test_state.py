@@ -61,6 +61,17 @@ def test_a_restarted_updater_gives_the_posteriors_it_would_have_given_bit_for_bi
             assert repr(one) == repr(other), field.name  # NaN, where there is no chain, equals NaN
 
 
+def test_a_window_that_begins_as_the_structure_changed_counts_as_after_it():
+    updater = updater_of()
+    state = updater.initial_state()
+    for window in range(4):
+        state, _ = updater.accumulated(state, estimate_of(window))
+    since = estimate_of(2).start_ns
+    restarted = state.restarted(since, updater.initial_state().evidence)
+    assert [each.start_ns for each in restarted.recent] == [since, estimate_of(3).start_ns]
+    assert restarted.evidence.n_windows == 2
+
+
 def test_a_state_in_which_nothing_was_seen_can_be_saved():
     updater = updater_of()
     state = updater.restored(updater.saved(updater.initial_state()))
