@@ -1,16 +1,18 @@
 """Alarms that are open when a session ends have their end in the next one."""
 
 import json
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pipeline.messages import Message, ModalEstimate, QualityWarning, WindowRejected
 from pipeline.monitoring.alarms.alarm_node import AlarmNode
-from pipeline.monitoring.alarms.channels import Webhook
-from pipeline.monitoring.alarms.settings import AlarmLogSettings, WebhookSettings
+from pipeline.monitoring.alarms.channels import DeliveryFailed, Mail, Webhook, idempotency_key
+from pipeline.monitoring.alarms.settings import AlarmLogSettings, MailSettings, WebhookSettings
 from sensors.acquisition.blocks import NANOSECONDS
 from tests.pipeline.archive.test_layout_periods import unchanged
 from tests.pipeline.example_messages import LAYOUT, block, rejection, status
@@ -127,3 +129,43 @@ def test_what_a_session_no_longer_watches_is_over_at_its_start(tmp_path: Path) -
         ("ended", "sensor"),
         ("ended", "threshold"),
     ]
+
+
+def test_every_message_of_an_alarm_has_a_key_of_its_own_over_restarts_and_each_attempt_the_same(
+    tmp_path: Path,
+) -> None:
+    """Receivers drop a message whose key they have seen. This one takes each at its second attempt;
+    the last message comes after the folder was lost, of an alarm with the first one's number."""
+    clock = Clock()
+    mail = Mail("mail-1", MailSettings("localhost", "p@example.org", ("a@example.org",)))
+    spike = spiked("t1", "z41-fa")
+    sent: list[tuple[str, str, str]] = []
+
+    class Channel:
+        name, place = "webhook-1", "nowhere"
+
+        def send(self, message: Mapping[str, Any], recipients: tuple[str, ...] = ()) -> None:
+            identity = str(mail._message(message)["Message-ID"])
+            sent.append((message["occasion"], idempotency_key(message), identity))
+            if len(sent) % 2:
+                raise DeliveryFailed("busy", message_only=True)
+
+    for folder, message in (
+        ("first", spike),
+        ("first", RECORDER),
+        ("first", spiked("t1")),
+        ("second", spike),
+    ):
+        clock.now_ns += 86_400 * NANOSECONDS
+        attempts = len(sent)
+        with closing(AlarmNode(tmp_path / folder, AlarmLogSettings(), [Channel()], clock)) as node:
+            node.handle(message)
+            clock.now_ns += 900 * NANOSECONDS
+            node.handle(RECORDER)
+            wait_for(lambda: len(sent) > attempts)  # noqa: B023  # waited for at once
+        AlarmNode(tmp_path / folder, AlarmLogSettings(), [Channel()], clock).close()
+
+    assert [each[0] for each in sent[::2]] == ["raised", "reminder", "ended", "raised"]
+    assert sent[::2] == sent[1::2]  # the attempts of one message
+    for identities in list(zip(*sent[::2], strict=True))[1:]:
+        assert len(set(identities)) == 4
