@@ -105,6 +105,15 @@ class AlarmLog:
         """All of them by number."""
         return tuple(sorted([*self._closed, *self._open.values()], key=lambda each: each.id))
 
+    @property
+    def lasting(self) -> tuple[AlarmCondition, ...]:
+        """The conditions of open alarms that have an end, as rules go on with them at a start."""
+        return tuple(
+            AlarmCondition(each.key, each.kind, each.turbine, each.text)
+            for each in self._open.values()
+            if each.lasting
+        )
+
     def note(self, cause: AlarmCondition, now_ns: int) -> Iterator[AlarmMessage]:
         """Take a condition; yield the messages that it needs at once."""
         known = self._open.get(cause.key)
@@ -157,6 +166,8 @@ class AlarmLog:
 
     def _reminder_is_due(self, notice: Alarm, now_ns: int) -> bool:
         if not self._settings.reminder or notice.acknowledged_ns:
+            return False
+        if notice.kind not in self._settings.kinds:  # of an earlier session
             return False
         return _seconds(now_ns - notice.told_ns) >= self._settings.reminder
 

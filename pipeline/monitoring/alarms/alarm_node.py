@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -72,8 +72,8 @@ class AlarmNode(Sink):
         self._path = folder / BOOK
         self._place = {"host": socket.gethostname(), "session": str(folder.resolve().parent)}
         self._clock, self._settings = clock, settings
-        self._rules = AlarmRules(settings)
         self._log = AlarmLog(settings, notices_in(self._path))
+        self._rules = AlarmRules(settings, self._log.lasting)
         self._saved = self._log.notices
         self._lock = threading.Lock()
         self._checked_ns, self._received_ns = 0, clock()
@@ -85,6 +85,7 @@ class AlarmNode(Sink):
         self._heartbeats = [
             AlarmHeartbeat(each, self._pulse, self._place, clock) for each in heartbeats
         ]
+        self._end_unwatched()
         self._save()  # from now on `pilewatch ack` finds a log
         for thread in (*self._deliveries, *self._heartbeats):
             thread.start()
@@ -168,14 +169,22 @@ class AlarmNode(Sink):
             self._save()
             return json.dumps(listed(self._log, unknown), ensure_ascii=False).encode()
 
+    def _end_unwatched(self) -> None:
+        """End what an earlier session raised and this one does not watch: no message would."""
+        deliveries = {_delivery_key(each.channel) for each in self._deliveries}
+        for cause in self._log.lasting:
+            has_channel = cause.kind != "delivery" or cause.key in deliveries
+            if not (has_channel and self._rules.watches(cause)):
+                ended = replace(cause, text="", over=True)
+                list(self._log.note(ended, self._clock()))  # its message comes once it has settled
+
     def _delivery_conditions(self) -> Iterator[AlarmCondition]:
         """A channel that does not deliver is an alarm, which the other channels deliver."""
         if "delivery" not in self._settings.kinds:
             return
         for delivery in self._deliveries:
             text = self._undelivered(delivery.state()) if delivery.problem else ""
-            name = delivery.channel
-            key = f"{WHOLE_SESSION}/delivery/{name}"
+            key = _delivery_key(delivery.channel)
             yield AlarmCondition(key, "delivery", WHOLE_SESSION, text, over=not text, counted=False)
 
     def _undelivered(self, state: DeliveryState) -> str:
@@ -202,6 +211,10 @@ class AlarmNode(Sink):
             written_whole(self._path, encoded_notices(self._saved))
         except OSError as error:
             logger.error("the alarm log could not be written: %s", error)
+
+
+def _delivery_key(channel: str) -> str:
+    return f"{WHOLE_SESSION}/delivery/{channel}"
 
 
 def notices_in(path: Path) -> tuple[Alarm, ...]:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from pipeline.messages import (
@@ -15,7 +15,6 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.monitoring.alarms.settings import THRESHOLDS, AlarmLogSettings
-from pipeline.state.books import BooksAlarm
 from pipeline.state.posterior_json import ratios
 from pipeline.state.run_state import RunState
 from sensors.acquisition.blocks import NANOSECONDS
@@ -35,6 +34,8 @@ SENSOR = (  # codes of windows that concern an instrument
 )
 CLOCK = ("clock-unset", "clock-step", "clock-rate", "clock-drift")  # of windows, their stamps
 KIND_OF_CODE = dict.fromkeys(SENSOR, "sensor") | dict.fromkeys(CLOCK, "clock")
+OF_WINDOWS = ("sensor", "clock")  # kinds that a window without them ends
+OF_BOOKS = ("books", "no-posterior")  # kinds of `BooksAlarm`
 REFUSAL_CODES = ("few-pairs", "pairing-cost", "no-paired-mode")  # of posteriors that were not made
 SILENT_AFTER = 30.0  # without a block of a unit whose stream has not ended [s]
 LOST_AFTER = 60.0  # without a status of a node; one that works on a window has no time for any [s]
@@ -70,19 +71,34 @@ class AlarmRules:
     ----------
     settings : AlarmLogSettings
         Kinds and thresholds.
+    lasting : iterable of AlarmCondition
+        That an earlier session found and that have not ended, as `AlarmLog.lasting` has them.
 
     Notes
     -----
     `now_ns` is always of one clock [ns]: when a message came.
     """
 
-    def __init__(self, settings: AlarmLogSettings) -> None:
+    def __init__(self, settings: AlarmLogSettings, lasting: Iterable[AlarmCondition] = ()) -> None:
         self._settings = settings
         self._run = RunState(kept=1)
         self._looked_ns = 0
         # by turbine: key → kind of what lasts; names that are made up drive out each other
         self._window_keys = BoundedDict[str, dict[str, str]]()
-        self._books_alarms: dict[str, BooksAlarm] = {}  # that last, by key
+        self._books_alarms = BoundedDict[str, AlarmCondition]()  # that last, by key
+        for each in lasting:
+            if each.key.startswith(tuple(f"{each.turbine}/{kind}/" for kind in OF_WINDOWS)):
+                self._window_keys.setdefault(each.turbine, {})[each.key] = each.kind
+            elif each.kind in OF_BOOKS:
+                self._books_alarms.put(each.key, each)
+
+    def watches(self, condition: AlarmCondition) -> bool:
+        """Return whether the settings ask for a condition, so that its end would be found."""
+        if condition.kind == "threshold":
+            least = f"{condition.key.rpartition('/')[2]}_below"
+            if least not in THRESHOLDS or getattr(self._settings, least) <= 0:
+                return False
+        return condition.kind in self._settings.kinds
 
     def conditions(self, message: Message, now_ns: int) -> Iterator[AlarmCondition]:
         """Yield the conditions that one message starts or ends."""
@@ -102,21 +118,35 @@ class AlarmRules:
             case NodeStatus():
                 found = _recorder(message)
         answered = isinstance(message, ModalEstimate | WindowRejected | FoundationPosterior)
-        of_books = self._of_books() if answered else ()
+        of_books = self._of_books(message) if answered else ()
         for condition in (*found, *of_books, *self._silences(now_ns)):
             if condition.kind in self._settings.kinds:
                 yield condition
 
-    def _of_books(self) -> Iterator[AlarmCondition]:
+    def _of_books(self, answer: Message) -> Iterator[AlarmCondition]:
         """Books that do not balance and posteriors that do not come, until they do."""
         alarms = self._run.books.alarms(self._settings.windows_without_posterior)
         found = {f"{each.turbine}/{each.kind}": each for each in alarms}
         for key, alarm in found.items():
-            yield AlarmCondition(key, alarm.kind, alarm.turbine, alarm.text, counted=False)
-        for key in self._books_alarms.keys() - found.keys():
-            past = self._books_alarms[key]
-            yield AlarmCondition(key, past.kind, past.turbine, "", over=True)
-        self._books_alarms = found
+            condition = AlarmCondition(key, alarm.kind, alarm.turbine, alarm.text, counted=False)
+            self._books_alarms.put(key, condition)
+            yield condition
+        past = [each for key, each in self._books_alarms.items() if key not in found]
+        for condition in past:
+            if self._is_over(condition, answer):
+                del self._books_alarms[condition.key]
+                yield replace(condition, text="", over=True)
+
+    def _is_over(self, condition: AlarmCondition, answer: Message) -> bool:
+        """Whether an answer ends a condition of the books.
+
+        They begin empty at every start: that they have no alarm is then no end by itself.
+        """
+        if answer.turbine != condition.turbine:
+            return False
+        if condition.kind == "no-posterior":
+            return isinstance(answer, FoundationPosterior)
+        return not self._run.books.violations(condition.turbine)
 
     def _gap(self, gap: StreamGap) -> Iterator[AlarmCondition]:
         if gap.duration < self._settings.shortest_gap:

@@ -108,8 +108,12 @@ class Webhook:
 
     def send(self, message: JsonBody, recipients: tuple[str, ...] = ()) -> None:
         """See `AlarmChannel`. 2xx alone is a delivery."""
-        key = f"{message['turbine']}-{message['id']}-{message['serial']}"
-        post_json(self._settings, message, {"Idempotency-Key": key})
+        post_json(self._settings, message, {"Idempotency-Key": idempotency_key(message)})
+
+
+def idempotency_key(message: JsonBody) -> str:
+    """Return the key of one message, the same in every attempt and of no other message."""
+    return f"{message['turbine']}-{message['id']}-{message['serial']}"
 
 
 def post_json(settings: WebhookSettings, content: JsonBody, headers: Mapping[str, str]) -> None:

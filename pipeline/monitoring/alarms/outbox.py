@@ -1,6 +1,6 @@
 """Alarm messages wait on disk, and one thread a channel delivers them, oldest first.
 
-    FOLDER/webhook-1/000000000017.json      one message a file; removed when it is delivered
+    FOLDER/webhook-1/1760000000000000.json  one message a file; removed when it is delivered
     FOLDER/webhook-1/refused/               messages that the receiver refused MOST_REFUSALS times
 
 While a receiver is away its channel tries again after 1, 2, 4 … seconds, at most every five
@@ -95,13 +95,21 @@ class Outbox:
 
     def waiting(self) -> list[Path]:
         """Files of messages, oldest first."""
-        return sorted(path for path in self._folder.glob("*.json") if path.stem.isdecimal())
+        files = (path for path in self._folder.glob("*.json") if path.stem.isdecimal())
+        return sorted(files, key=lambda path: int(path.stem))
 
     def put(self, message: dict[str, Any]) -> None:
-        """Keep a message until it is delivered. Raises OSError if the disk is full."""
-        path = self._folder / f"{self._next:012d}.json"
-        waiting = WaitingMessage(message | {"serial": self._next}, self._clock())
-        self._next += 1
+        """Keep a message until it is delivered. Raises OSError if the disk is full.
+
+        Its serial is the time [µs], so that no other message has had it, whatever is left of the
+        folder: receivers know by it what they have got. One of the same moment, or of a clock that
+        was set back, has the next number.
+        """
+        queued_ns = self._clock()
+        serial = max(self._next, queued_ns // 1000)
+        path = self._folder / f"{serial:016d}.json"
+        waiting = WaitingMessage(message | {"serial": serial}, queued_ns)
+        self._next = serial + 1
         written_whole(path, waiting.encoded())
         files = self.waiting()
         for oldest in files[: max(0, len(files) - self._most)]:

@@ -92,6 +92,19 @@ def test_what_was_not_taken_waits_for_the_next_session(tmp_path: Path) -> None:
     assert back.taken == [0, 1, 2, 3]
 
 
+def test_messages_of_an_earlier_version_and_of_a_clock_that_was_set_back_keep_their_order(
+    tmp_path: Path,
+) -> None:
+    """They were numbered from 1 on, with twelve digits."""
+    (tmp_path / "000000000017.json").write_bytes(WaitingMessage({"number": 0}, 5).encoded())
+    for number, clock_ns in enumerate((9_000_000, 4_000, 9_000_000), start=1):
+        Outbox(tmp_path, clock=lambda now_ns=clock_ns: now_ns).put({"number": number})
+
+    waiting = [decoded_waiting(each.read_bytes()) for each in Outbox(tmp_path).waiting()]
+    assert [each.message["number"] for each in waiting] == [0, 1, 2, 3]
+    assert [each.message.get("serial") for each in waiting] == [None, 9000, 9001, 9002]
+
+
 def test_the_oldest_go_where_too_many_wait(tmp_path: Path) -> None:
     outbox = Outbox(tmp_path, most=2)
     for number in range(5):
@@ -181,7 +194,7 @@ def test_only_the_recipients_that_were_refused_are_tried_again(tmp_path: Path) -
 
 
 def test_a_message_that_is_refused_many_times_is_set_aside_and_reported(tmp_path: Path) -> None:
-    outbox = Outbox(tmp_path)
+    outbox = Outbox(tmp_path, clock=lambda: 7000)
     outbox.put({"number": 1})
     channel = Scripted()
     channel.refused = {1: DeliveryFailed("550", message_only=True)}
@@ -193,9 +206,10 @@ def test_a_message_that_is_refused_many_times_is_set_aside_and_reported(tmp_path
     delivery.stop(20)
 
     assert outbox.waiting() == []
-    assert [path.name for path in (tmp_path / REFUSED_DELIVERY).iterdir()] == ["000000000001.json"]
+    (aside,) = (tmp_path / REFUSED_DELIVERY).iterdir()
+    assert aside.name == "0000000000000007.json"
     assert delivery.state().refused == 1
-    assert Outbox(tmp_path)._next == 2  # its number is not given again
+    assert Outbox(tmp_path)._next == 8  # its number is not given again
 
 
 def test_a_burst_of_messages_uses_up_no_attempts_of_those_that_are_refused(tmp_path: Path) -> None:
