@@ -17,18 +17,38 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, product
 
+import numpy as np
+
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.files.block_builder import MeasurementFile, moment, open_file
-from sensors.files.text.dates import SLACK, offset_name, repeated_after_ns
+from sensors.files.text.dates import offset_name, repeated_after_ns
 
 logger = logging.getLogger(__name__)
 
 MOST_RUNS = 12  # of files that continue one another: each doubles the number of readings
+LONGEST_BREAK = 60 * NANOSECONDS  # and a step of rows, between files that go on one another [ns]
 UNKNOWN = "nothing shows which of the two it is"
 TWINS = "files of the same local times are taken in the order in which they are given"
 CONTINUOUS = "only that files then continue one another shows which of the two it is"
 Reading = tuple[bool, ...]  # of each open file, whether it is of the second hour
-SampledSpan = tuple[int, int]  # first and last sample [ns since 1970-01-01 UTC]
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class SampledSpan:
+    """Where a file lies."""
+
+    begin_ns: int
+    """First sample [ns since 1970-01-01 UTC]."""
+
+    end_ns: int
+    """Last sample [ns since 1970-01-01 UTC]."""
+
+    step_ns: int = 0
+    """Usual step from one sample to the next [ns]."""
+
+    def is_continued_at(self, begin_ns: int) -> bool:
+        """Return whether a file that begins at a moment goes on where this one ends."""
+        return 0 < begin_ns - self.end_ns <= self.step_ns + LONGEST_BREAK
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +62,8 @@ class _OpenFile:
     """Read as of the first hour."""
 
     second: MeasurementFile
-    end_ns: int
-    """Last sample, if it is of the first hour [ns]."""
+    span: SampledSpan
+    """Where it lies, if it is of the first hour."""
 
     later_ns: int
     """How much later the second hour is [ns]."""
@@ -53,7 +73,7 @@ class _OpenFile:
 
     def interval(self, *, second: bool) -> SampledSpan:
         shift = self.later_ns if second else 0
-        return self.first.start_ns + shift, self.end_ns + shift
+        return SampledSpan(self.span.begin_ns + shift, self.span.end_ns + shift, self.span.step_ns)
 
 
 def settle_repeated_hour(
@@ -109,26 +129,29 @@ def _opened(place: int, file: MeasurementFile, sampling_rate: float | None) -> _
     second, _ = open_file(file.path, file.reader, wanted)
     if second.start_ns != file.start_ns + later_ns:  # the file itself states its zone
         return None
-    end_ns, stamped, went_back = _end(file, sampling_rate)
+    span, stamped, went_back = _span(file, sampling_rate)
     # without a step back the local clock has shown the end of the hour only if it was the second
-    is_past = stamped and not repeated_after_ns(end_ns, time.zone)
+    is_past = stamped and not repeated_after_ns(span.end_ns, time.zone)
     own = False if went_back else (True if is_past else None)
-    return _OpenFile(place, file, second, end_ns, later_ns, own)
+    return _OpenFile(place, file, second, span, later_ns, own)
 
 
-def _end(file: MeasurementFile, sampling_rate: float | None) -> tuple[int, bool, bool]:
-    """Return the last sample [ns], whether it has a stamp, and whether the clock went back."""
+def _span(file: MeasurementFile, sampling_rate: float | None) -> tuple[SampledSpan, bool, bool]:
+    """Return where a file lies, whether its end has a stamp, and whether the clock went back."""
     rate = file.sampling_rate or sampling_rate
     end_ns, stamped, went_back, count = file.start_ns, False, False, 0
+    step = 1 / rate if rate else 0.0  # [s]
     for chunk in file.chunks():
         count += len(chunk.samples)
         went_back = chunk.went_back
         if chunk.times is not None:
             stamped = True
             end_ns = chunk.start_ns + round(float(chunk.times[-1]) * NANOSECONDS)
+            if len(chunk.times) > 1:
+                step = max(0.0, float(np.median(np.diff(chunk.times))))
         elif rate:
             end_ns = chunk.start_ns + round((count - 1) / rate * NANOSECONDS)
-    return end_ns, stamped, went_back
+    return SampledSpan(file.start_ns, end_ns, round(step * NANOSECONDS)), stamped, went_back
 
 
 def _neighbours(
@@ -139,8 +162,8 @@ def _neighbours(
     before = [file for file in dated if file.start_ns < begin_ns][-1:]
     behind = [file for file in dated if file.start_ns >= begin_ns][:1]
     return [
-        *((file.start_ns, _end(file, sampling_rate)[0]) for file in before),
-        *((file.start_ns, file.start_ns) for file in behind),
+        *(_span(file, sampling_rate)[0] for file in before),
+        *(SampledSpan(file.start_ns, file.start_ns) for file in behind),
     ]
 
 
@@ -188,7 +211,7 @@ def _runs(unsure: Sequence[_OpenFile]) -> list[list[_OpenFile]]:
 
 
 def _continues(before: _OpenFile, each: _OpenFile) -> bool:
-    return 0 < each.first.start_ns - before.end_ns <= SLACK and before.place < each.place
+    return before.span.is_continued_at(each.first.start_ns) and before.place < each.place
 
 
 def _stamp(each: _OpenFile) -> int:
@@ -203,8 +226,10 @@ def _intervals(unsure: Sequence[_OpenFile], reading: Reading) -> list[SampledSpa
 
 def _breaks(intervals: Sequence[SampledSpan]) -> int | None:
     """Return how often files do not continue one another; None where two overlap."""
-    steps = [later[0] - earlier[1] for earlier, later in pairwise(sorted(intervals))]
-    return None if any(step <= 0 for step in steps) else sum(step > SLACK for step in steps)
+    pairs = list(pairwise(sorted(intervals)))
+    if any(later.begin_ns <= earlier.end_ns for earlier, later in pairs):
+        return None
+    return sum(not earlier.is_continued_at(later.begin_ns) for earlier, later in pairs)
 
 
 def _twins(unsure: Sequence[_OpenFile]) -> list[tuple[int, int]]:
@@ -212,7 +237,7 @@ def _twins(unsure: Sequence[_OpenFile]) -> list[tuple[int, int]]:
     return [
         (i, j)
         for i, j in combinations(range(len(unsure)), 2)
-        if abs(_stamp(unsure[i]) - _stamp(unsure[j])) <= SLACK
+        if abs(_stamp(unsure[i]) - _stamp(unsure[j])) <= LONGEST_BREAK
     ]
 
 
@@ -256,7 +281,7 @@ def _warn(unsure: Sequence[_OpenFile], reading: Reading, open_because: str) -> N
         f" and {_more_files(len(names) - 1)} begin" if len(names) > 1 else " begins",
         zone,
         open_because,
-        moment(order[0][0][0])[:19],
+        moment(order[0][0].begin_ns)[:19],
         f", from {behind} on as of the second hour" if behind else "",
         offset_name(first_ns, zone),
         offset_name(first_ns + later_ns, zone),

@@ -14,8 +14,9 @@ day over midnight:
     02:59:59.95, 02:00:00.00      an hour back, in autumn: the stamps behind it are an hour later
     01:59:59.95, 03:00:00.00      an hour ahead, in spring: no sample is missing
 
-Only a Sunday night's hour, to a minute when it goes back and to two samples when it goes ahead,
-is taken for it; any other step is what it seems.
+Only a Sunday night's hour is taken for it, up to half an hour of which may be missing when it goes
+back, and half a usual step or two samples of a fast logger when it goes ahead; any other step is
+what it seems.
 """
 
 import re
@@ -248,12 +249,34 @@ def _order(examples: Sequence[str], dates: DateOrder | None) -> Order:
 
 
 HOUR = 3600 * NANOSECONDS  # [ns]
-SLACK = 60 * NANOSECONDS  # that may be missing where the clock goes back [ns]
+SLACK = 60 * NANOSECONDS  # by which a clock may be put back further than an hour [ns]
 WHOLE_DAY = round(DAY) * NANOSECONDS  # [ns]
 LATE = HOUR  # that may be missing around midnight [ns]
 SUNDAY, THURSDAY = 6, 3  # days of a week from Monday; 1970-01-01 was a Thursday
 CHANGING_MONTHS = (3, 4, 9, 10, 11)  # in either hemisphere
 LATEST_HOUR = 4  # of the night in which clocks change [h]
+
+
+def leaps_of(steps: NDArray[np.int64], usual: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which steps of stamps are an hour less than usual, and which an hour more.
+
+    Parameters
+    ----------
+    steps : ndarray, shape (n,)
+        From the stamp before to each [ns].
+    usual : float
+        Step where no clock changes [ns].
+
+    Notes
+    -----
+    Where a clock goes back, rows that are s apart step by s less an hour, and by more if some are
+    missing, for up to half an hour. Rows a quarter of an hour apart or less that are out of order
+    or written twice are less than that off; rows further apart than an hour show no change.
+    """
+    off = steps - usual
+    back = (off < -HOUR / 2) & (steps >= -HOUR - SLACK) & (usual <= HOUR)
+    uneven = max(2 * min(usual, NANOSECONDS), usual / 2)
+    return back, np.abs(off - HOUR) <= uneven
 
 
 @dataclass(slots=True)
@@ -281,13 +304,13 @@ class SummerTime:
         stamps : ndarray, shape (n,)
             As written, n > 0 [ns since 1970].
         """
-        before = stamps[0] - self._usual if self._last is None else self._last
-        steps = np.diff(stamps, prepend=np.int64(before))
+        steps = np.diff(stamps, prepend=stamps[0] if self._last is None else np.int64(self._last))
         rising = steps[steps > 0]
         if len(rising):
             self._usual = float(np.median(rising))
-        back = np.abs(steps + HOUR) <= SLACK
-        ahead = np.abs(steps - HOUR - self._usual) <= 2 * min(self._usual, NANOSECONDS)
+        if self._last is None:
+            steps[0] = round(self._usual)
+        back, ahead = leaps_of(steps, self._usual)
         change = (back | ahead) & _is_changing_night(stamps)
         self.changes_ns += stamps[change].tolist()
         self.went_back = self.went_back or bool((change & back).any())

@@ -1,7 +1,9 @@
 """Columns of wind, rotor and sea become SCADA samples."""
 
 import math
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from sensors.arrays import FloatArray
 from sensors.files.block_builder import open_file
 from sensors.files.channel_names import other_quantity
 from sensors.files.conditions import condition_channels, read_conditions, state_of_rotor
+from sensors.files.table import TimeColumn, Wanted
 
 
 def test_fields_are_found_by_name_and_unit() -> None:
@@ -86,6 +89,30 @@ def test_samples_are_means_of_ten_seconds_and_the_rest_is_unknown(tmp_path: Path
     assert [each.time_ns for each in found] == [1_700_000_000 * 10**9, 1_700_000_010 * 10**9]
     assert math.isnan(found[0].water_level)
     assert found[0].state == ""
+
+
+@pytest.mark.parametrize("step", [60, 300, 600])
+@pytest.mark.parametrize("night", ["2025-10-25T20:00", "2025-03-29T20:00"])
+def test_a_controllers_file_in_local_time_runs_over_the_change_of_its_clock(
+    tmp_path: Path, step: int, night: str
+) -> None:
+    """The level is the hour of UTC: what each sample holds is what was measured then."""
+    zone = "Europe/Berlin"
+    begin = datetime.fromisoformat(night).replace(tzinfo=UTC)
+    moments = [begin + timedelta(seconds=step * i) for i in range(10 * 3600 // step)]
+    rows = [f"{each.astimezone(ZoneInfo(zone)):%F %T};{hours(each, begin):.6f}" for each in moments]
+    path = tmp_path / "scada.csv"
+    path.write_text("\n".join(["time;water level [m]", *rows]) + "\n")
+    file, first = open_file(path, None, Wanted(time=TimeColumn(zone=zone)))
+    found = list(read_conditions([file], condition_channels(first.names, first.units), "t1"))
+    assert [each.time_ns // 10**9 for each in found] == [int(each.timestamp()) for each in moments]
+    assert [each.water_level for each in found] == pytest.approx(
+        [hours(each, begin) for each in moments], abs=1e-6
+    )
+
+
+def hours(moment: datetime, begin: datetime) -> float:
+    return (moment - begin).total_seconds() / 3600
 
 
 def test_a_mean_yaw_towards_north_is_north(tmp_path: Path) -> None:

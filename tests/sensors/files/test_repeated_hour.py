@@ -7,17 +7,21 @@ import pytest
 
 from pipeline.sources.import_files import Measurement, open_measurement
 from sensors.errors import InputError
-from sensors.files.block_builder import moment
-from sensors.files.table import TimeColumn
+from sensors.files.block_builder import moment, open_file
+from sensors.files.repeated_hour import settle_repeated_hour
+from sensors.files.table import TimeColumn, Wanted
 
 BERLIN = TimeColumn(zone="Europe/Berlin")
 CHANGE = np.datetime64("2025-10-26T01:00", "s")  # UTC: 03:00 CEST, then 02:00 CET
 HOUR = np.timedelta64(1, "h")
 
 
-def written(path: Path, begin: str, minutes: float = 10, *, ending: str = "") -> Path:
-    """A file of a sample every two seconds in the local time of Berlin from a moment of UTC on."""
-    utc = np.datetime64(f"2025-10-26T{begin}", "s") + np.arange(0, 60 * minutes, 2).astype("m8[s]")
+def written(
+    path: Path, begin: str, minutes: float = 10, *, ending: str = "", step: int = 2
+) -> Path:
+    """A file of a sample every `step` seconds in Berlin's local time from a moment of UTC on."""
+    since = np.arange(0, 60 * minutes, step).astype("m8[s]")
+    utc = np.datetime64(f"2025-10-26T{begin}", "s") + since
     local = utc + np.where(utc < CHANGE, 2, 1) * HOUR
     rows = [f"{stamp}{ending},{i % 7},{i % 5}" for i, stamp in enumerate(local)]
     path.write_text("\n".join(["time,z145-fa [g],z145-ss [g]", *rows]) + "\n")
@@ -110,6 +114,21 @@ def test_a_neighbour_of_known_time_decides(
     files[0].write_text(files[0].read_text().replace("2025-10-27T00", "2025-10-26T01"))
     assert begins(open_measurement(files, time=BERLIN)) == ["c 23:50", "d 00:00"]
     assert not caplog.messages
+
+
+def test_files_of_slow_rows_continue_one_another_too(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Rows of three minutes: from the last of a file to the first of the next is such a step."""
+    begins_at = {"b": "00:30", "c": "00:45", "a": "01:00"}
+    for name, begin in begins_at.items():
+        written(tmp_path / f"{name}.csv", begin, 15, step=180)
+    wanted = Wanted(time=BERLIN)
+    read = settle_repeated_hour([open_file(tmp_path / f"{name}.csv", None, wanted)[0]
+                                 for name in "abc"])  # fmt: skip
+    assert {file.path.stem: moment(file.start_ns)[11:16] for file in read} == begins_at
+    (warning,) = caplog.messages
+    assert "only that files then continue one another shows" in warning
 
 
 def test_files_that_overlap_in_either_hour_name_the_change(tmp_path: Path) -> None:
