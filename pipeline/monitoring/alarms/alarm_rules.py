@@ -26,6 +26,7 @@ SENSOR = (  # codes of windows that concern an instrument
     "duplicate-channel",
     "swapped-channels",
     "sensor-fault",
+    "silent-channel",
     "missing-unit",
     "nan",
     "spikes",

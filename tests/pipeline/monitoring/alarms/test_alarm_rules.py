@@ -71,6 +71,17 @@ def test_a_dead_channel_is_wrong_until_a_window_without_it(finder: AlarmRules) -
     assert "t1/sensor/constant" in over(finder.conditions(well, START_NS))
 
 
+def test_a_channel_that_gives_noise_alone_is_an_instruments_alarm(finder: AlarmRules) -> None:
+    """Its windows are identified and not used, with the warning of the estimate."""
+    noise = QualityWarning("silent-channel", "z41-fa shows no resonance")
+    deaf = replace(estimate_of(1), turbine="t1", warnings=(noise,))
+    well = replace(estimate_of(2), turbine="t1", warnings=())
+    assert [each.key for each in wrong(finder.conditions(deaf, START_NS))] == [
+        "t1/sensor/silent-channel"
+    ]
+    assert over(finder.conditions(well, START_NS)) == ["t1/sensor/silent-channel"]
+
+
 def test_turbines_that_are_made_up_leave_bounded_memory_and_no_alarm_without_an_end(
     finder: AlarmRules,
 ) -> None:
