@@ -3,9 +3,10 @@
 python -m tests.benchmarks figures [--check]
 
 `figures.toml` has a row for each figure: a result, and a title and a pattern that its figures fill
-in. The command beside it is the one that made the result, seeds and all. A row whose code is newer than its result, as `_newer_code` has it, is marked *, and the first
-definition that is newer is printed. `--check` writes nothing and exits with 1 where a table is not
-what the results give, or a row is old.
+in. The command beside it is the one that made the result, seeds and all. A row whose code is newer
+than its result, as `_newer_code` has it, is marked *, and the first definition that is newer is
+printed. `--check` writes nothing and exits with 1 where a table is not what the results give, or a
+row is old.
 """
 
 import argparse
