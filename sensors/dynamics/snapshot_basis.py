@@ -41,8 +41,10 @@ class SparseStack:
         pattern.sort_indices()
         self._indices, self._starts = pattern.indices, pattern.indptr
         rows = np.repeat(np.arange(self._shape[0]), np.diff(self._starts))
-        entries = [matrix[rows, self._indices] for matrix in matrices]
-        self._entries = np.array([np.asarray(each).ravel() for each in entries])
+        self._entries = np.zeros((len(self._matrices), len(rows)))
+        if len(rows):  # of no place, an index gives a sparse array
+            entries = [np.asarray(matrix[rows, self._indices]).ravel() for matrix in matrices]
+            self._entries = np.array(entries).reshape(self._entries.shape)
 
     def __len__(self) -> int:
         return len(self._matrices)

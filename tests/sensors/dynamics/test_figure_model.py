@@ -69,3 +69,17 @@ def test_derivatives_are_those_of_differences(model: FigureModel) -> None:
 def test_a_tower_on_land_has_no_figure_of_the_water() -> None:
     names = {figure.name for figure in figures_of(replace(TURBINE, water=None))}
     assert not names & {"added_mass", "marine_growth"}
+
+
+def test_every_mode_on_land_is_that_of_the_full_model() -> None:
+    """Where there is no water, its matrices have no entry at all."""
+    land = replace(PARKED, water=None)
+    names = [figure.name for figure in figures_of(land)]
+    model = FigureModel(land, LAYOUT, names, blades="described")
+    theta, nothing = land.nominal * [1.2, 0.8, 0.9], np.zeros((1, len(names)))
+    found = model.modes(theta[None], nothing, np.zeros(1)).frequencies[0]
+    full = assemble(converged(land, "described"), stiffness=theta)
+    modes = solved_modes(full, ChannelReadings.of(full, LAYOUT), highest_frequency=12.6)
+    nearest = np.abs(modes.frequencies / found[np.isfinite(found)][:, None] - 1).min(axis=1)
+    assert len(nearest) > 20
+    assert nearest.max() < 1e-5

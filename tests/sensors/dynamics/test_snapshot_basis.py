@@ -67,3 +67,10 @@ def test_a_stack_is_summed_and_projected_as_its_matrices(weights: list[float]) -
     np.testing.assert_allclose(stack.summed(np.array(weights)).toarray(), expected)
     np.testing.assert_allclose(stack.congruent(basis), basis.T @ full @ basis, atol=1e-12)
     assert SparseStack([]).congruent(basis).shape == (0, 2, 2)
+
+
+def test_matrices_without_an_entry_add_nothing() -> None:
+    """Of the water, on land."""
+    stack = SparseStack([csr_array((4, 4)), csr_array((4, 4))])
+    assert stack.summed(np.ones(2)).nnz == 0
+    np.testing.assert_array_equal(stack.congruent(np.eye(4)), np.zeros((2, 4, 4)))
