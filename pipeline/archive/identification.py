@@ -5,7 +5,7 @@ links a window with those before it is left to the history: the names of modes, 
 have changed place.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -48,12 +48,15 @@ class IdentificationCall:
     """Of its blocks, from whatever file has them."""
     period: int = 0
     """Number of the turbine's layout period that its windows are updated in."""
+    renamed: tuple[tuple[str, str], ...] = ()
+    """Channels that the turbine's layout gives another name than the task's files do: both."""
 
     @property
     def key(self) -> str:
         """Fingerprint of the samples and of what is done with them."""
+        renamed = [repr(self.renamed)] if self.renamed else []
         return key_of_result(
-            "identification 2", self.task.content, repr(self.settings), repr(self.layouts)
+            "identification 2", self.task.content, repr(self.settings), repr(self.layouts), *renamed
         )
 
 
@@ -78,7 +81,15 @@ def identified(call: IdentificationCall) -> tuple[Message, ...]:
                 answers += map(_untracked, node.handle(message))
     node.close()
     wanted = (FoundationTruth, ModalEstimate, WindowRejected)
-    return tuple(answer for answer in answers if isinstance(answer, wanted))
+    names = dict(call.renamed)
+    return tuple(_renamed(answer, names) for answer in answers if isinstance(answer, wanted))
+
+
+def _renamed(answer: Message, names: Mapping[str, str]) -> Message:
+    """Return an answer with its channels as the turbine's layout calls them."""
+    if not isinstance(answer, ModalEstimate):
+        return answer
+    return replace(answer, channels=tuple(names.get(each, each) for each in answer.channels))
 
 
 def _untracked(answer: Message) -> Message:

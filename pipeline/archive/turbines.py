@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from pipeline.archive.access.remote import name_of
-from pipeline.archive.history.layout_periods import LayoutPeriod, layout_periods
+from pipeline.archive.history.layout_periods import LayoutPeriod, Renamed, layout_history
 from pipeline.archive.identification import IdentificationCall
 from pipeline.archive.plan import Overlap, TurbinePlan, parts_by_turbine, turbine_plan
 from pipeline.archive.posteriors import UpdatingPlan
@@ -39,19 +39,24 @@ class TurbineArchive:
     """Of which layout its windows are, in order of time; () one holds for all."""
     period_of_task: tuple[int, ...] = ()
     """Number of each task's period; () all are of the first."""
+    renamed: tuple[Renamed, ...] = ()
+    """Channels of each task that the layouts of the periods call otherwise; () of none."""
     other_settings: tuple[str, ...] = ()
     """Which recordings store other settings than those that all are processed with, a line each."""
 
     @property
     def layout(self) -> SensorLayout | None:
         """The newest of all units together; None: no file has one."""
+        if self.periods:
+            return self.periods[-1].layout
         newest = {layout.unit: layout for layout in self.layouts}
         return joined_layout([newest[unit] for unit in sorted(newest)]) if newest else None
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Every one that a window may have: of one unit, of units joined, of unknown layout."""
-        named = [each for each in (self.layout, *self.layouts) if each is not None]
+        periods = (period.layout for period in self.periods)
+        named = [each for each in (self.layout, *periods, *self.layouts) if each is not None]
         names = [name for each in named for name in each.channel_names]
         most = max(
             (len(layout.channels) for layout in self.layouts), default=MOST_CHANNELS_WITHOUT_LAYOUT
@@ -62,9 +67,10 @@ class TurbineArchive:
     def identification(self) -> Iterator[IdentificationCall]:
         """Return the identification of every task, in order of time."""
         numbers = self.period_of_task or (0,) * len(self.plan.tasks)
-        for task, period in zip(self.plan.tasks, numbers, strict=True):
+        renamed = self.renamed or ((),) * len(self.plan.tasks)
+        for task, period, names in zip(self.plan.tasks, numbers, renamed, strict=True):
             own = tuple(each for each in self.layouts if each.layout_id in task.layout_ids)
-            yield IdentificationCall(task, self.scenario.oma, own, period)
+            yield IdentificationCall(task, self.scenario.oma, own, period, names)
 
     @property
     def updating(self) -> UpdatingPlan | None:
@@ -146,8 +152,18 @@ def archived_turbines(
         own = own if sampler is None else with_sampler(own, sampler)
         layouts = _layouts_of(turbine, parts, surveys)
         plan = turbine_plan(parts, own.oma)
-        periods, numbers = layout_periods(plan.tasks, surveys)
-        turbines.append(TurbineArchive(plan, own, layouts, periods, numbers, other))
+        stated = layout_history(plan.tasks, surveys)
+        turbines.append(
+            TurbineArchive(
+                plan,
+                own,
+                layouts,
+                periods=stated.periods,
+                period_of_task=stated.period_of_task,
+                renamed=stated.renamed,
+                other_settings=other,
+            )
+        )
     return tuple(turbines)
 
 

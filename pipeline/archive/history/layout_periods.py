@@ -4,15 +4,20 @@
     periods     |———————————0———————————|—————1—————|     the posterior begins again with c
 
 Modes keep their names over a change. Sums of evidence are of one model of the sensors: they do not.
+
+A file is identified with its own units: where these use a channel name twice, its channels have
+their unit's name too. Units that any file holds together are on the tower together, whether or not
+one of them is in a file; a unit that took another one's place is alone.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.archive.plan import IdentificationTask
 from pipeline.archive.survey import FileSurvey
 from sensors.acquisition.layout import (
+    Accelerometer,
     LayoutDifference,
     SensorLayout,
     holds_for,
@@ -35,32 +40,129 @@ class LayoutPeriod:
     """From the period before; None: it is the first."""
 
 
-def layout_periods(
-    tasks: Sequence[IdentificationTask], surveys: Iterable[FileSurvey]
-) -> tuple[tuple[LayoutPeriod, ...], tuple[int, ...]]:
-    """Return the periods of a turbine in order of time, and of each task the number of its own.
+Renamed = tuple[tuple[str, str], ...]
+"""Names of channels as a file has them, each with that of the turbine's layout."""
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutHistory:
+    """The layouts of a turbine's windows, as its recordings state them."""
+
+    periods: tuple[LayoutPeriod, ...]
+    """In order of time."""
+    period_of_task: tuple[int, ...]
+    """Number of each task's period."""
+    renamed: tuple[Renamed, ...]
+    """Of each task the channels that its file alone would give another name."""
+
+
+def layout_history(
+    tasks: Sequence[IdentificationTask], surveys: Sequence[FileSurvey]
+) -> LayoutHistory:
+    """Return the layout periods of a turbine, and what each task's channels are called in them.
 
     Parameters
     ----------
     tasks : sequence of IdentificationTask
         Of one turbine, in order of time.
-    surveys : iterable of FileSurvey
+    surveys : sequence of FileSurvey
         Of the archive. A file's own layout counts; where it has none, that of the same name.
     """
     stated = _stated(surveys)
+    in_file = {survey.path: survey.layouts for survey in surveys}
     units = [_units_of(task, stated) for task in tasks]
-    newest: dict[str, SensorLayout] = {}
+    groups = _groups(units)
+    newest: _Units = {}
     for own in reversed(units):  # a unit that comes later is known from the beginning
-        newest |= own
+        newest = {**newest, **own}
     periods: list[LayoutPeriod] = []
-    numbers = []
+    numbers: list[int] = []
+    renamed: list[Renamed] = []
+    before: tuple[_Units, ...] = ()
     for task, own in zip(tasks, units, strict=True):
-        newest |= own
-        if newest:
-            layout = joined_layout([newest[unit] for unit in sorted(newest)])
+        newest = {**newest, **own}
+        identified = _identified_units(task, own, in_file)
+        if before != (newest, own, identified):  # of most files it is what it was
+            before = (newest, own, identified)
+            layout = _layout_at(newest, groups, own) if newest else None
+            names = _renamed(identified, newest, groups)
+        if layout is not None:
             _extend(periods, layout, task.path)
         numbers.append(max(0, len(periods) - 1))
-    return tuple(periods), tuple(numbers)
+        renamed.append(names)
+    return LayoutHistory(tuple(periods), tuple(numbers), tuple(renamed))
+
+
+_Units = Mapping[str, SensorLayout]  # layouts by the names of their units
+
+
+def _groups(units: Iterable[Collection[str]]) -> list[frozenset[str]]:
+    """Return the units that files hold together, directly or by others, each in one group."""
+    groups: list[frozenset[str]] = []
+    for own in dict.fromkeys(map(frozenset, units)):
+        joined = [group for group in groups if group & own]
+        groups = [group for group in groups if not group & own]
+        groups.append(own.union(*joined))
+    return groups
+
+
+def _names(units: _Units) -> dict[tuple[str, str], str]:
+    """Return what units that are joined call a channel, by its unit and its own name."""
+    layouts = [units[unit] for unit in sorted(units)]
+    if not layouts:
+        return {}
+    own = [(layout.unit, name) for layout in layouts for name in layout.channel_names]
+    return dict(zip(own, joined_layout(layouts).channel_names, strict=True))
+
+
+def _names_in(newest: _Units, groups: Sequence[frozenset[str]]) -> dict[tuple[str, str], str]:
+    """Return the same of all units, those of each group joined."""
+    names: dict[tuple[str, str], str] = {}
+    for group in groups:
+        names |= _names({unit: newest[unit] for unit in group})
+    return names
+
+
+def _layout_at(newest: _Units, groups: Sequence[frozenset[str]], own: _Units) -> SensorLayout:
+    """Return the channels of all units; of two groups' of one name that of the file's own."""
+    present = frozenset[str]().union(*(group for group in groups if group & own.keys()))
+    names = _names_in(newest, groups)
+    channels: dict[str, Accelerometer] = {}
+    for unit in sorted(newest):
+        for channel in newest[unit].channels:
+            name = names[unit, channel.name]
+            if unit in present or name not in channels:
+                channels[name] = replace(channel, name=name)
+    layouts = [newest[unit] for unit in sorted(present or newest)]
+    together = joined_layout(layouts)
+    if len(together.channels) == len(channels):
+        return together
+    return SensorLayout(
+        "+".join(newest[unit].layout_id for unit in sorted(newest)),
+        together.turbine,
+        "+".join(sorted(newest)),
+        tuple(channels.values()),
+    )
+
+
+def _identified_units(
+    task: IdentificationTask, own: _Units, in_file: Mapping[Path, Iterable[SensorLayout]]
+) -> _Units:
+    """Return the units that the identification of a task joins: it reads every layout of a file,
+    of units without a block too."""
+    paths = dict.fromkeys([task.path, *(piece.path for piece in task.pieces)])
+    there = [layout for path in paths for layout in in_file.get(path, ())]
+    return {each.unit: each for each in there if each.turbine == task.turbine} | dict(own)
+
+
+def _renamed(identified: _Units, newest: _Units, groups: Sequence[frozenset[str]]) -> Renamed:
+    """Return which channels of a task have another name in the turbine's layout."""
+    names = _names_in(newest, groups)
+    return tuple(
+        (name, names[channel])
+        for channel, name in _names(identified).items()
+        if names.get(channel, name) != name
+    )
 
 
 def _extend(periods: list[LayoutPeriod], layout: SensorLayout, path: Path) -> None:

@@ -88,6 +88,7 @@ def days_of(calls: Iterable[IdentificationCall], gaps: Iterable[StreamGap]) -> t
 
 def _day(date: str, calls: Sequence[IdentificationCall], gaps: Sequence[StreamGap]) -> Day:
     later = [repr((n, call.period)) for n, call in enumerate(calls) if call.period]
+    later += [repr((n, call.renamed)) for n, call in enumerate(calls) if call.renamed]
     content = key_of_result(*(call.task.content for call in calls), *map(repr, gaps), *later)
     return Day(date, tuple(calls), tuple(gaps), content)
 

@@ -1,20 +1,34 @@
 """What a task of an archive reads before its first sample."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from pipeline.archive.identification import _wanted, task_messages
+from pipeline.archive.identification import (
+    IdentificationCall,
+    _wanted,
+    identified,
+    task_messages,
+)
 from pipeline.archive.plan import IdentificationTask, Piece
-from pipeline.messages import FoundationTruth
+from pipeline.messages import FoundationTruth, Message, ModalEstimate
+from pipeline.nodes.identification import IdentificationNode
+from pipeline.oma.settings import OmaSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.scada import ScadaSample
 from tests.pipeline.example_messages import LAYOUT, START_NS, block
 from tests.pipeline.report.example_session import recorded
+from tests.pipeline.updating.small_tower import LinearTower, drawn_estimate
 
 MINUTE = 60 * NANOSECONDS  # [ns]
+
+WINDOW: ModalEstimate = drawn_estimate(
+    np.ones(3), np.random.default_rng(5), window=0, tower=LinearTower()
+)
 
 
 def reported(minute: int) -> ScadaSample:
@@ -81,3 +95,22 @@ def test_a_file_whose_blocks_were_recorded_out_of_order_is_read_in_their_order(
     assert [type(each) for each in read].count(FoundationTruth) == 1
     assert [type(each) for each in read].count(ScadaSample) == 1
     assert [type(each) for each in read].count(SensorLayout) == 1
+
+
+def test_windows_have_the_channels_of_the_turbines_layout_where_their_file_calls_them_otherwise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Identification(IdentificationNode):
+        def handle(self, message: Message) -> Iterator[Message]:
+            return iter([WINDOW] if isinstance(message, AccelerationBlock) else [])
+
+    monkeypatch.setattr("pipeline.archive.identification.IdentificationNode", Identification)
+    path = recorded(tmp_path / "own.mcap", [LAYOUT, block(0)])
+    first = WINDOW.channels[0]
+    alone = IdentificationCall(task_of(path, START_NS, seconds=1), OmaSettings())
+    call = replace(alone, renamed=((first, f"upper/{first}"),))
+
+    (estimate,) = identified(call)
+    assert isinstance(estimate, ModalEstimate)
+    assert estimate.channels == (f"upper/{first}", *WINDOW.channels[1:])
+    assert call.key != alone.key

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from pipeline.archive.history.layout_periods import layout_periods
+from pipeline.archive.history.layout_periods import Renamed, layout_history
 from pipeline.archive.identification import IdentificationCall
 from pipeline.archive.plan import IdentificationTask
 from pipeline.archive.posteriors import UpdatingPlan
@@ -47,10 +47,15 @@ def archive(layouts: list[SensorLayout]) -> ModalArchive:
     tasks = [task_of(NOON + n * HOUR, 2, each) for n, each in enumerate(layouts)]
     surveys = [survey_of(t.path, each) for t, each in zip(tasks, layouts, strict=True)]
     plan: UpdatingPlan = replace(PLAN, layout=layouts[-1])
-    periods, numbers = layout_periods(tasks, surveys)
-    found = archive_of(tasks, layouts[-1], plan)
-    distinct = tuple({each.layout_id: each for each in layouts}.values())
-    return replace(found, layouts=distinct, periods=periods, period_of_task=numbers)
+    stated = layout_history(tasks, surveys)
+    found = replace(
+        archive_of(tasks, layouts[-1], plan),
+        layouts=tuple({each.layout_id: each for each in layouts}.values()),
+        periods=stated.periods,
+        period_of_task=stated.period_of_task,
+        renamed=stated.renamed,
+    )
+    return replace(found, given=replace(plan, layout=found.layout))
 
 
 def unchanged(window: int) -> ModalEstimate:
@@ -129,8 +134,9 @@ def test_a_layout_of_another_name_that_says_the_same_goes_on() -> None:
 def test_fewer_channels_are_read_at_the_layout_that_has_all() -> None:
     fewer = replace(LAYOUT, layout_id="fewer", channels=LAYOUT.channels[1:])
     for layouts in ([LAYOUT, fewer], [fewer, LAYOUT]):
-        (period,) = archive(layouts).periods
-        assert period.layout == LAYOUT
+        turbine = archive(layouts)
+        (period,) = turbine.periods
+        assert period.layout == turbine.layout == LAYOUT
 
 
 def test_a_name_that_two_layouts_share_stands_for_each_files_own() -> None:
@@ -143,9 +149,10 @@ def test_a_name_that_two_layouts_share_stands_for_each_files_own() -> None:
 def test_a_file_without_its_layout_takes_the_one_of_that_name() -> None:
     tasks = [task_of(NOON + n * HOUR, 2, LAYOUT) for n in range(2)]
     surveys = [survey_of(tasks[0].path), survey_of(tasks[1].path, LAYOUT)]
-    periods, numbers = layout_periods(tasks, surveys)
-    assert ([each.layout for each in periods], numbers) == ([LAYOUT], (0, 0))
-    assert layout_periods(tasks, [survey_of(tasks[0].path)]) == ((), (0, 0))
+    stated = layout_history(tasks, surveys)
+    assert [each.layout for each in stated.periods] == [LAYOUT]
+    assert stated.period_of_task == (0, 0)
+    assert layout_history(tasks, [survey_of(tasks[0].path)]).periods == ()
 
 
 def test_a_unit_that_comes_later_is_in_the_layout_from_the_beginning() -> None:
@@ -154,8 +161,66 @@ def test_a_unit_that_comes_later_is_in_the_layout_from_the_beginning() -> None:
     first = task_of(NOON, 2, lower)
     second = replace(task_of(NOON + HOUR, 2, lower), layout_ids=("low", "high"))
     surveys = [survey_of(first.path, lower), survey_of(second.path, lower, upper)]
-    periods, numbers = layout_periods([first, second], surveys)
-    assert ([each.layout.unit for each in periods], numbers) == (["lower+upper"], (0, 0))
+    stated = layout_history([first, second], surveys)
+    assert [each.layout.unit for each in stated.periods] == ["lower+upper"]
+    assert stated.period_of_task == (0, 0)
+
+
+def test_a_logger_that_is_replaced_under_another_name_goes_on_with_the_same_channels(
+    tmp_path: Path,
+) -> None:
+    """A session that is started again with the new unit does so too: windows of one unit have its
+    channels' own names."""
+    other = replace(LAYOUT, unit="daq2", layout_id="t1-daq2")
+    turbine = archive([LAYOUT, LAYOUT, other, other])
+
+    assert posteriors(turbine, tmp_path / "replaced") == posteriors(
+        archive([LAYOUT] * 4), tmp_path / "same"
+    )
+    assert [period.layout.channel_names for period in turbine.periods] == [LAYOUT.channel_names]
+    assert turbine.renamed == ((),) * 4
+
+
+def test_a_logger_that_took_anothers_place_with_moved_sensors_begins_again() -> None:
+    other = replace(RAISED, unit="daq2", layout_id="t1-daq2")
+    turbine = archive([LAYOUT, other])
+    assert [period.layout for period in turbine.periods] == [LAYOUT, other]
+
+
+LOWER, UPPER = (
+    replace(LAYOUT, unit=unit, layout_id=unit, channels=(replace(channel, name="x"),))
+    for unit, channel in zip(("lower", "upper"), LAYOUT.channels[:2], strict=True)
+)
+
+
+@pytest.mark.parametrize("alone", [0, 1, 2])
+def test_a_file_without_one_of_two_loggers_of_the_same_names_calls_the_others_as_the_rest(
+    alone: int,
+) -> None:
+    """Wherever in the archive it lies: identified alone, its channels have no unit's name."""
+    together = replace(task_of(NOON, 2, LOWER), layout_ids=("lower", "upper"))
+    tasks = [replace(together, path=Path(f"{n}.mcap")) for n in range(3)]
+    layouts: list[tuple[SensorLayout, ...]] = [(LOWER, UPPER)] * 3
+    tasks[alone] = replace(tasks[alone], layout_ids=("upper",))
+    layouts[alone] = (UPPER,)
+    surveys = [survey_of(task.path, *own) for task, own in zip(tasks, layouts, strict=True)]
+
+    stated = layout_history(tasks, surveys)
+    renamed: list[Renamed] = [(), (), ()]
+    renamed[alone] = (("x", "upper/x"),)
+    assert [period.layout.channel_names for period in stated.periods] == [("lower/x", "upper/x")]
+    assert list(stated.renamed) == renamed
+    # where its file states the other's layout, it is identified with the units' names
+    surveys[alone] = survey_of(tasks[alone].path, LOWER, UPPER)
+    assert layout_history(tasks, surveys).renamed == ((),) * 3
+
+
+def test_a_unit_that_has_a_layout_and_never_a_block_gives_the_others_no_names() -> None:
+    stated = layout_history(
+        [task_of(NOON, 2, UPPER)], [survey_of(Path(f"{NOON}.mcap"), LOWER, UPPER)]
+    )
+    assert [period.layout for period in stated.periods] == [UPPER]
+    assert stated.renamed == ((("upper/x", "x"),),)
 
 
 def test_the_period_of_a_task_is_no_part_of_how_it_is_identified() -> None:
