@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 from pipeline.farm.settings import FarmError
@@ -33,6 +34,7 @@ class _Collected:
 
     def __init__(self) -> None:
         self._latest: dict[str, FoundationPosterior] = {}
+        self._first_ns: dict[str, int] = {}  # of its posteriors, the earliest
         self._events: dict[tuple[str, int], FoundationEvent] = {}
 
     def take(self, message: Message) -> None:
@@ -41,6 +43,8 @@ class _Collected:
             self._events[message.turbine, message.since_ns] = message
             return
         assert isinstance(message, FoundationPosterior)
+        first_ns = self._first_ns.get(message.turbine, message.time_ns)
+        self._first_ns[message.turbine] = min(first_ns, message.time_ns)
         before = self._latest.get(message.turbine)
         if before is None or message.time_ns >= before.time_ns:
             self._latest[message.turbine] = message
@@ -49,6 +53,16 @@ class _Collected:
     def posteriors(self) -> list[FoundationPosterior]:
         """The last one of every turbine."""
         return list(self._latest.values())
+
+    @property
+    def events(self) -> list[FoundationEvent]:
+        """Every one once."""
+        return list(self._events.values())
+
+    def span_ns(self, turbine: str) -> tuple[int, int] | None:
+        """Times of a turbine's first and last posterior [ns]; None: it has none."""
+        last = self._latest.get(turbine)
+        return None if last is None else (self._first_ns[turbine], last.time_ns)
 
     def messages(self) -> list[FarmMessage]:
         """Posteriors, then events; nothing where there is no posterior."""
@@ -59,7 +73,8 @@ def recorded_turbines(paths: Sequence[Path]) -> list[FarmMessage]:
     """The last posterior of every turbine and the events in recordings, or in all of some folders.
 
     Of a turbine that has posteriors in several sessions the latest by time is used; each other
-    session is named in a warning.
+    session is named in a warning. Of a time that several sessions saw, such as recordings that were
+    analysed twice, the latest one's events count: others date the same change to another window.
 
     Parameters
     ----------
@@ -75,8 +90,10 @@ def recorded_turbines(paths: Sequence[Path]) -> list[FarmMessage]:
     """
     collected = _Collected()
     latest: dict[str, tuple[int, Path]] = {}  # turbine → end of its window [ns], session
+    sessions: list[_Collected] = []
     for session in _sessions(paths):
         own = _Collected()
+        sessions.append(own)
         for file in session:
             for message in read_messages(file, FARM_MESSAGES):
                 own.take(message)
@@ -90,11 +107,44 @@ def recorded_turbines(paths: Sequence[Path]) -> list[FarmMessage]:
             used, unused = (found, before) if found[0] >= before[0] else (before, found)
             latest[posterior.turbine] = used
             logger.warning("%s", _not_used(posterior.turbine, unused, used))
-    found_messages = collected.messages()
-    if not found_messages:
+    if not collected.posteriors:
         names = ", ".join(map(str, paths))
         raise FarmError(f"no posterior is recorded in {names}; `pilewatch run` makes some")
-    return found_messages
+    return [*collected.posteriors, *_events_once(sessions)]
+
+
+def _events_once(sessions: Sequence[_Collected]) -> Iterator[FoundationEvent]:
+    """Yield each turbine's events from its latest session on, without those of a time that one
+    before had seen.
+
+    Why by the event's time and not by whole sessions: what an earlier session saw before the used
+    one began is in no other's record.
+    """
+    # of two that end together the one that was given later comes first, as it is used
+    backwards = sessions[::-1]
+    for turbine in dict.fromkeys(each.turbine for own in sessions for each in own.events):
+        events: dict[int, FoundationEvent] = {}
+        seen: list[tuple[int, int]] = []
+        for own in sorted(backwards, key=partial(_last_ns, turbine), reverse=True):
+            for event in own.events:
+                if event.turbine == turbine and not any(_within(event, each) for each in seen):
+                    events.setdefault(event.since_ns, event)
+            span = own.span_ns(turbine)
+            if span is not None:
+                seen.append(span)
+        yield from events.values()
+
+
+def _last_ns(turbine: str, session: _Collected) -> int:
+    """Time of a session's last posterior [ns]; one without any comes after all others."""
+    span = session.span_ns(turbine)
+    return 0 if span is None else span[1]
+
+
+def _within(event: FoundationEvent, span: tuple[int, int]) -> bool:
+    """Whether an event may be of a span of time, by how well it is dated."""
+    earliest = min(event.since_ns, event.since_earliest_ns)
+    return earliest <= span[1] and max(event.since_ns, event.since_latest_ns) >= span[0]
 
 
 def _not_used(turbine: str, unused: tuple[int, Path], used: tuple[int, Path]) -> str:

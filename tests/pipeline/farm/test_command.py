@@ -16,14 +16,14 @@ from pipeline.farm.farm import PoolingSettings, pooled_farm
 from pipeline.farm.results import pooled_posterior
 from pipeline.farm.settings import FarmError, GibbsSettings
 from pipeline.farm.sources import RunningFarm, recorded_turbines
-from pipeline.messages import FoundationPosterior
+from pipeline.messages import FoundationEvent, FoundationPosterior
 from pipeline.recording.writer import Recorder, whole_recording
 from pipeline.transport.codec import decode, encode
 from pipeline.transport.zenoh_bus import ZenohBus, free_endpoint, hub
 from pipeline.updating.population import load_population
 from sensors.errors import InputError
 from tests.pipeline.example_messages import same
-from tests.pipeline.farm.farms import drawn_farm, untrusted
+from tests.pipeline.farm.farms import drawn_farm, event_of, untrusted
 from tests.pipeline.transport.memory_bus import MemoryBus
 
 BRIEF = PoolingSettings(gibbs=GibbsSettings(chains=8, burn_in=10, sweeps=20, rounds=1))
@@ -99,11 +99,11 @@ def test_the_last_posterior_of_each_turbine_is_read(recorded: Path) -> None:
     ]  # fmt: skip
 
 
-def session_of(folder: Path, *posteriors: FoundationPosterior) -> Path:
-    """A session's folder with these posteriors."""
+def session_of(folder: Path, *messages: FoundationPosterior | FoundationEvent) -> Path:
+    """A session's folder with these posteriors and events."""
     folder.mkdir(parents=True)
     with whole_recording(folder / "session.mcap", metadata={}) as recorder:
-        for each in posteriors:
+        for each in messages:
             recorder.handle(each)
     return folder
 
@@ -125,6 +125,43 @@ def test_a_session_that_is_not_used_is_named_with_the_reason(
     caplog.clear()
     recorded_turbines([old, session_of(tmp_path / "copy", one)])
     assert "has one of the same time and was given later" in caplog.text
+
+
+def lost_at(posterior: FoundationPosterior, since_ns: int) -> FoundationEvent:
+    """Of the posterior's turbine, so long after it [ns]; dated to within ten minutes."""
+    since_ns += posterior.time_ns
+    event: FoundationEvent = event_of(posterior, -0.1)
+    return replace(
+        event,
+        time_ns=since_ns + 3600 * 10**9,
+        since_ns=since_ns,
+        since_earliest_ns=since_ns - 600 * 10**9,
+        since_latest_ns=since_ns + 600 * 10**9,
+    )
+
+
+def test_of_a_time_that_several_sessions_saw_only_the_latest_ones_events_count(
+    tmp_path: Path,
+) -> None:
+    """The same days analysed twice date one loss ten minutes apart; of a year before, analysed
+    twice as well, the later analysis counts. What an overlapping session saw before is kept."""
+    (one, other), _ = drawn_farm(2, seed=1)
+    hour = 3600 * 10**9
+
+    def session(name: str, first: int, last: int, *losses: int) -> Path:
+        """With posteriors and losses at these hours, its turbine among those that changed."""
+        ends = [replace(one, time_ns=one.time_ns + each * hour) for each in (first, last)]
+        events = [lost_at(one, each * hour) for each in losses]
+        return session_of(tmp_path / name, *ends, *events)
+
+    year, again = session("year", -9000, -8000, -8500), session("again", -9001, -8000, -8501)
+    before = session("before", -60, -20, -50, -30)
+    used = session("used", -40, 0, -31)
+    rest = session_of(tmp_path / "rest", other, lost_at(other, 0))
+    for paths in ([year, again, before, used, rest], [rest, used, before, year, again]):
+        found = [each for each in recorded_turbines(paths) if isinstance(each, FoundationEvent)]
+        dated = sorted((e.turbine, (e.since_ns - one.time_ns) // hour) for e in found)
+        assert dated == [("t1", -8501), ("t1", -50), ("t1", -31), ("t2", 0)]
 
 
 def test_a_folder_of_sessions_is_read_and_one_without_a_closed_recording_says_what_to_do(
