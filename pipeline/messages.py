@@ -410,7 +410,7 @@ class FoundationPosterior:
     unpredicted_share: float = 0.0
     """Share of the modes that the others do not predict [-]."""
     relative: tuple[RelativeStiffness, ...] = ()
-    """Springs relative to the period before the last event."""
+    """Springs relative to the period before the last event; () where none is known."""
     figure_errors: tuple[FigureError, ...] = ()
     """Errors that the description's figures make; none for an exact structure."""
     origins: tuple[UnitOrigin, ...] = ()

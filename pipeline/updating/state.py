@@ -42,7 +42,7 @@ class UpdatingState:
     searched_windows: int = 0
     """In the evidence when faults were last looked for in vain."""
     reference: ModalEvidence | None = None
-    """Of the windows before the last event."""
+    """Of the windows before the last event; None: none of them is known one by one."""
     reference_ns: int = 0
     """Start of the last of them."""
     before_event: BeforeEvent | None = None
@@ -79,12 +79,14 @@ class UpdatingState:
         Notes
         -----
         Their modes keep the tracks they had. Where the structure is uncertain, the recent windows
-        before that time become the reference that later posteriors are compared with.
+        before that time become the reference that later posteriors are compared with; where there
+        is none, they are compared with nothing: an earlier reference is of the time before another
+        event.
         """
         evidence = replace(nothing, n_tracks=self.evidence.n_tracks)
         recent = tuple(each for each in self.recent if each.start_ns >= start_ns)
         before = tuple(each for each in self.recent if each.start_ns < start_ns)
-        reference = self.reference
+        reference = None
         if before and self.joint:
             reference = _summed(before, replace(nothing, n_tracks=self.evidence.n_tracks))
         return replace(
@@ -92,7 +94,7 @@ class UpdatingState:
             evidence=_summed(recent, evidence).continuing(self.evidence),
             recent=recent,
             reference=reference,
-            reference_ns=before[-1].start_ns if before else self.reference_ns,
+            reference_ns=before[-1].start_ns if before else 0,
         )
 
 

@@ -272,7 +272,7 @@ class FoundationUpdater:
             found, verdict, change, estimate, before=state.median, pairs=state.sensitivities
         )
         restarted = state.restarted(change.sums.starts_ns[found.restart], self._no_evidence())
-        if restarted.reference is not None and restarted.reference is not state.reference:
+        if restarted.reference is not None:
             level = self._without_levels(restarted.reference, state)
             restarted = replace(restarted, reference=level)
         earlier = BeforeEvent.of(change.sums, found.candidate, state.sensitivities, state.median)

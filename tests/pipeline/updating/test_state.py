@@ -8,11 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.updating.checkpoint import STATE_VERSION, CheckpointError, _unpacked
+from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.evidence.observations import mode_observations
 from pipeline.updating.likelihood.pairing import PairingSettings
 from pipeline.updating.samplers.emcee_sampler import SamplerSettings
 from pipeline.updating.samplers.importance import ImportanceSettings
 from pipeline.updating.samplers.registry import SamplingSettings
 from pipeline.updating.settings import UpdatingSettings
+from pipeline.updating.state import RECENT_WINDOWS, UpdatingState
 from pipeline.updating.updater import FoundationUpdater
 from sensors.errors import InputError
 from tests.pipeline.updating.small_tower import LAYOUT, LinearTower, drawn_estimate
@@ -32,6 +35,30 @@ def updater_of(**options) -> FoundationUpdater:
 def estimate_of(window):
     generator = np.random.default_rng([41, window])
     return drawn_estimate(np.array([1.1, 0.9, 1.0]), generator, window=window, tower=LinearTower())
+
+
+@pytest.mark.parametrize(
+    ("window", "compared"), [(2, False), (RECENT_WINDOWS, True), (3 + RECENT_WINDOWS, True)]
+)
+def test_a_change_that_is_dated_before_all_recent_windows_has_no_period_to_compare_with(
+    window, compared
+):
+    """The one before the event before it is none: it lacks that event's change as well."""
+    nothing = ModalEvidence(channels=LAYOUT.channel_names)
+    state = UpdatingState(evidence=nothing, joint=("an uncertain structure",))
+    for number in range(4 + RECENT_WINDOWS):
+        estimate = estimate_of(number)
+        seen = mode_observations(estimate, LAYOUT.channel_names)
+        state = state.with_window(estimate, seen, 0.0)
+    earlier = replace(state, reference=replace(nothing, n_windows=7), reference_ns=12345)
+
+    restarted = earlier.restarted(estimate_of(window).start_ns, nothing)
+
+    if compared:
+        assert restarted.reference.n_windows == window - 4
+        assert restarted.reference_ns == estimate_of(window - 1).start_ns
+    else:
+        assert (restarted.reference, restarted.reference_ns) == (None, 0)
 
 
 @pytest.fixture(scope="module")
