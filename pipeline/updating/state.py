@@ -13,7 +13,7 @@ from pipeline.updating.change.detector import ChangeState
 from pipeline.updating.change.event_message import TrackSensitivity
 from pipeline.updating.change.revised_size import BeforeEvent
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
-from pipeline.updating.evidence.observations import ModeObservation, SeenWindow, diagonal
+from pipeline.updating.evidence.observations import ModeObservation, SeenWindow, condensed
 from pipeline.updating.structural.alternatives import WarmStart
 from pipeline.updating.structural.joint_model import FINEST_TOLERANCE
 from sensors.arrays import FloatArray
@@ -56,14 +56,10 @@ class UpdatingState:
     def with_window(
         self, estimate: ModalEstimate, seen: Sequence[ModeObservation], rise: float
     ) -> "UpdatingState":
-        """One more window's modes in the evidence, and among the recent windows.
-
-        Where correlations aren't used, variances are all that is kept of a recent covariance.
-        """
+        """One more window's modes in the evidence, and among the recent windows."""
         latest = SeenWindow.of(estimate, seen, rise)
         evidence = self.evidence.with_window(latest)
-        if not evidence.joint_covariance:
-            latest = replace(latest, observations=tuple(map(diagonal, seen)))
+        latest = replace(latest, observations=tuple(map(condensed, seen)))
         return replace(self, evidence=evidence, recent=(*self.recent, latest)[-RECENT_WINDOWS:])
 
     def restarted(self, start_ns: int, nothing: ModalEvidence) -> "UpdatingState":

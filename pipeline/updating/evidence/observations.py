@@ -137,9 +137,16 @@ def mode_observations(estimate: ModalEstimate, channels: Sequence[str]) -> list[
     return [_observation(group, rows, 1 + len(channels)) for group in groups.values()]
 
 
-def diagonal(observation: ModeObservation) -> ModeObservation:
-    """The same with the variances alone of its covariance."""
-    return replace(observation, factor=np.linalg.norm(observation.factor, axis=1)[:, None])
+def condensed(observation: ModeObservation) -> ModeObservation:
+    """The same with as many columns as rows at most: L of F Fᵀ = L Lᵀ.
+
+    Variances alone are not enough: normalised to another component later, a shape needs its
+    covariance, or errors that are independent would cancel.
+    """
+    n_rows, n_columns = observation.factor.shape
+    if n_columns <= n_rows:
+        return observation
+    return replace(observation, factor=np.linalg.qr(observation.factor.T, mode="r").T)
 
 
 def _check(mode: Mode) -> None:

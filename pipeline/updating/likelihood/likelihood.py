@@ -38,6 +38,10 @@ from sensors.settings import NO_KEY
 SMALLEST_SIGMA_STEP = 2e-4  # where σ's grid turns from even to geometric steps [-]
 
 
+MOST_MERGED = 0.005  # relative distance of two modes that the identification takes for one pair:
+# `ALIKE` of its coincident modes, which above .5 Hz is more than a window resolves
+
+
 @dataclass(frozen=True, slots=True)
 class LikelihoodSettings:
     """What is counted as error beside the identification's own standard deviations."""
@@ -148,7 +152,8 @@ def observations(
         neighbour = int(nearest[model])
         gap = float(gaps[model, neighbour])
         if evidence.modes[identified].close_pair:
-            both = (model, neighbour) if gap < resolved else (model,)
+            merged = max(resolved, MOST_MERGED * float(model_frequencies[model]))
+            both = (model, neighbour) if gap < merged else (model,)
             found.append(ModeComparison(identified, both, shape_used=False, gap=0.0))
         elif gap < resolved:
             found.append(ModeComparison(identified, (model,), shape_used=False, gap=gap))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.messages import ModalEstimate, Mode
-from pipeline.updating.evidence.observations import mode_observations
+from pipeline.updating.evidence.observations import ModeObservation, condensed, mode_observations
 
 SHAPE = np.array([1.0, 0.5])
 
@@ -55,3 +55,19 @@ def test_modes_apart_stay_two() -> None:
     seen = mode_observations(estimate, ("a", "b"))
     assert [each.frequency for each in seen] == [1.0, 1.4]
     assert list(seen[0].shape) == [0.5, 1.0]  # in the layout's order
+
+
+def test_a_condensed_covariance_stays_one_where_the_shape_is_normalised_otherwise() -> None:
+    """Standard deviations in one column were errors that go together: they cancelled."""
+    generator = np.random.default_rng(3)
+    factor = generator.normal(scale=0.02, size=(6, 40))
+    factor[[2, 5]] = 0.0  # of the largest component, and of a channel that is absent
+    values = np.array([1.7, 0.99, 1.0, 0.9, 0.5, np.nan])
+    whole = ModeObservation("m", values, factor, 40)
+    kept = condensed(whole)
+    assert kept.factor.shape[1] <= 6
+    for one, other in ((whole, kept), (whole.normalised_to(0), kept.normalised_to(0))):
+        np.testing.assert_allclose(
+            other.factor @ other.factor.T, one.factor @ one.factor.T, atol=1e-15
+        )
+        np.testing.assert_array_equal(other.factor.any(axis=1), one.factor.any(axis=1))
