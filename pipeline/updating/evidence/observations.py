@@ -146,7 +146,7 @@ def condensed(observation: ModeObservation) -> ModeObservation:
     n_rows, n_columns = observation.factor.shape
     if n_columns <= n_rows:
         return observation
-    return replace(observation, factor=np.linalg.qr(observation.factor.T, mode="r").T)
+    return replace(observation, factor=np.asarray(np.linalg.qr(observation.factor.T, mode="r")).T)
 
 
 def _check(mode: Mode) -> None:
