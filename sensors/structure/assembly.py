@@ -120,9 +120,10 @@ def _number_dofs(turbine: TurbineDescription) -> tuple[IndexArray, IndexArray, I
 
 def _add_tubes(system: _System, turbine: TurbineDescription, tower_dofs: IndexArray) -> None:
     for i, (tube, compression) in enumerate(zip(turbine.tubes, _compression(turbine), strict=True)):
-        overgrown = overgrown_share(tube, turbine.water), growth_mass(tube, turbine.water)
+        carried = growth_mass(tube, turbine.water) + inner_water_mass(tube, turbine.water)
+        below_mean = share_below_mean(tube, turbine.water), carried
         wetted = wetted_share(tube, turbine.water), added_mass(tube, turbine.water)
-        mass, stiffness = _tube_matrices(tube, compression, wetted, overgrown)
+        mass, stiffness = _tube_matrices(tube, compression, wetted, below_mean)
         system.add(tower_dofs[i : i + 2].ravel(), mass=mass, stiffness=stiffness)
 
 
@@ -131,11 +132,11 @@ def _tube_matrices(
     tube: Tube,
     compression: tuple[float, float],
     wetted: tuple[float, float],
-    overgrown: tuple[float, float],
+    below_mean: tuple[float, float],
 ) -> tuple[FloatArray, FloatArray]:
     """(12, 12) mass and stiffness of a tube under a compression at its bottom and its top [N].
 
-    wetted, overgrown    share of its length from below [-] and mass of what is there [kg/m]
+    wetted, below_mean    share of its length from below [-] and mass of what is there [kg/m]
     """
     shear = tube.shear_parameter
     bending = beam.bending_stiffness(tube.bending_rigidity, tube.length, shear)
@@ -143,7 +144,7 @@ def _tube_matrices(
     moving = beam.bending_mass(tube.mass_per_length, tube.length, shear=shear)
     if tube.shear:
         moving += beam.rotary_mass(tube.density * tube.second_moment, tube.length, shear)
-    for share, mass_per_length in (wetted, overgrown):
+    for share, mass_per_length in (wetted, below_mean):
         moving += beam.bending_mass(mass_per_length, tube.length, end=share, shear=shear)
     mass, stiffness = np.zeros((12, 12)), np.zeros((12, 12))
     dofs = np.arange(12).reshape(2, 6)
@@ -180,19 +181,20 @@ def wetted_share(tube: Tube, water: Water | None) -> float:
 
 
 def added_mass(tube: Tube, water: Water | None) -> float:
-    """Return the mass of water that moves with a wetted metre of the tube [kg/m].
-
-    C_a ρ π D²/4 outside, and what is inside.
-    """
+    """Mass of the sea that moves with a wetted metre of the tube, C_a ρ π D²/4 [kg/m]."""
     if water is None:
         return 0.0
-    mass = water.added_mass_coefficient * water.density * np.pi * tube.diameter**2 / 4
-    if water.inside:
-        mass += water.density * np.pi * (tube.diameter - 2 * tube.thickness) ** 2 / 4
-    return mass
+    return water.added_mass_coefficient * water.density * np.pi * tube.diameter**2 / 4
 
 
-def overgrown_share(tube: Tube, water: Water | None) -> float:
+def inner_water_mass(tube: Tube, water: Water | None) -> float:
+    """Mass of the water inside a metre of a flooded tube, ρ π (D − 2t)²/4 [kg/m]."""
+    if water is None or not water.inside:
+        return 0.0
+    return water.density * np.pi * (tube.diameter - 2 * tube.thickness) ** 2 / 4
+
+
+def share_below_mean(tube: Tube, water: Water | None) -> float:
     """Share of the tube's length, from below, that lies under the mean water level, in [0, 1]."""
     return float(np.clip((0.0 - tube.bottom) / tube.length, 0.0, 1.0)) if water else 0.0
 

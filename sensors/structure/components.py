@@ -112,7 +112,8 @@ class Water:
     """Sea water outside the tubes, from the mudline up to its level, and perhaps inside.
 
     It moves with the tube as C_a ρ π D²/4 [kg/m] in the two horizontal directions. Its weight and
-    pressure do not enter. Water inside a flooded tube moves with it, ρ π (D − 2t)²/4 [kg/m].
+    pressure do not enter. Water inside a flooded tube moves with it, ρ π (D − 2t)²/4 [kg/m], up to
+    the mean level: it does not follow the tide.
     """
 
     level: float = 0.0
@@ -125,7 +126,7 @@ class Water:
     """C_a [-]."""
 
     inside: bool = False
-    """Whether the tubes are flooded to the same level."""
+    """Whether the tubes are flooded, up to the mean level."""
 
     growth: float = 0.0
     """Thickness of marine growth, from the mudline up to the mean level [m]."""

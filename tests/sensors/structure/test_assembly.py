@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from sensors.structure.assembly import added_mass, assemble, wetted_share
+from sensors.structure.assembly import added_mass, assemble, inner_water_mass, wetted_share
 from sensors.structure.components import PointMass, RigidBody, Water
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
@@ -317,11 +317,20 @@ def test_a_flooded_tube_carries_the_water_that_its_steel_leaves_room_for() -> No
     """Outer circle = steel + water inside: two routes to one mass."""
     sea = Water(density=1025.0, added_mass_coefficient=1.0)
     for tube in parked_turbine().tubes[:7]:
-        inside = added_mass(tube, replace(sea, inside=True)) - added_mass(tube, sea)
+        inside = inner_water_mass(tube, replace(sea, inside=True))
         steel = tube.mass_per_length / tube.density  # its cross-section [m²]
         room = np.pi * tube.diameter**2 / 4 - steel
         assert inside == pytest.approx(sea.density * room, rel=1e-9)
+    assert inner_water_mass(parked_turbine().tubes[0], sea) == 0.0
     assert added_mass(parked_turbine().tubes[0], None) == 0.0
+
+
+def test_water_inside_does_not_follow_the_tide() -> None:
+    """An independent model of this turbine has it up to the mean level, as the updating has."""
+    sea = Water(added_mass_coefficient=1e-9, inside=True)
+    flooded = replace(parked_turbine(), water=sea)
+    one, other = (assemble(flooded.with_water_level(level)).mass for level in (0.0, 2.0))
+    assert abs(other - one).max() < 1e-8 * abs(one).max()
 
 
 def test_what_displaces_its_own_water_moves_it() -> None:
