@@ -388,7 +388,9 @@ def _instruments(record: TurbineRecord) -> str:
     layout = record.layout
     if layout is None:
         return ""
-    rate = f" at {record.state.sampling_rate:g} Hz" if record.state.sampling_rate > 0 else ""
+    units = record.signals.samples.values()
+    rates = sorted({f"{rate:g}" for unit in units for rate in unit.sampling_rates}, key=float)
+    rate = f" at {' and '.join(rates)} Hz" if rates else ""
     names = ", ".join(layout.channel_names)
     return paragraph(f"{count_noun(len(layout.channels), 'channel')}{rate}: {names}.", "quiet")
 
