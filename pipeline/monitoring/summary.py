@@ -20,7 +20,7 @@ from pipeline.messages import (
 from pipeline.nodes.node import Sink
 from pipeline.state.posterior_json import MEDIAN_AND_INTERVAL, empty_summary, posterior_summary
 from pipeline.state.run_state import RunState
-from pipeline.state.turbine_state import TurbineState
+from pipeline.state.turbine_state import TurbineState, missing_ns
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.json_values import Json, fields_of, known, with_nulls
 
@@ -204,7 +204,6 @@ def stream_figures(state: TurbineState, *, published: int, live: bool) -> Json:
     recorder = state.statuses.get("recorder")
     gaps = _in_its_time(state, state.gaps, live=live)
     takers = [status for node, status in state.statuses.items() if node != "source"]
-    missing_ns = sum(gap.end_ns - gap.start_ns for gap in gaps) + state.gone["gap_ns"]
     return {
         "published": published,
         "recorded": None if recorder is None else recorder.recorded,
@@ -213,7 +212,7 @@ def stream_figures(state: TurbineState, *, published: int, live: bool) -> Json:
         "late": max((status.late for status in takers), default=0),
         "duplicate": max((status.duplicate for status in takers), default=0),
         "gaps": len(gaps) + state.gone["gaps"],
-        "gap_s": missing_ns / NANOSECONDS,
+        "gap_s": (missing_ns(gaps) + state.gone["gap_ns"]) / NANOSECONDS,
     }
 
 

@@ -51,7 +51,6 @@ from pipeline.sources.session_files import not_included_line
 from pipeline.state.phrases import FIGURES_NOTE, count_noun
 from pipeline.state.posterior_json import plus_minus
 from pipeline.updating.prior import PARAMETER_NAMES, PriorSettings
-from sensors.acquisition.blocks import NANOSECONDS
 from sensors.errors import InputError
 
 CONDITION_MARKS = {"good": "✓", "doubt": "!", "bad": "✕", "unknown": "?"}  # as the colour says
@@ -152,18 +151,17 @@ def _verdict(record: TurbineRecord) -> str:
 
 
 def _key_figures(record: TurbineRecord) -> list[KeyFigure]:
-    summary, (start_ns, end_ns) = record.state, record.span_ns
+    summary = record.state
     cards: list[KeyFigure] = []
     if (posterior := summary.posterior) is not None:
         cards = [
             (f"{name} ÷ nominal", plus_minus(posterior.parameter(name))) for name in PARAMETER_NAMES
         ]
         cards.append(("probability of a new change", percent(posterior.change_probability)))
-    missing = sum(gap.end_ns - gap.start_ns for gap in summary.gaps) / NANOSECONDS
     used = 0 if posterior is None else posterior.n_windows
     cards += [
-        ("measured", span((end_ns - start_ns) / NANOSECONDS)),
-        ("missing", span(missing)),
+        ("measured", span(summary.measured_time)),
+        ("missing", span(summary.missing)),
         ("windows identified", str(len(summary.estimates))),
         ("modes", str(len(summary.modes))),
     ]
@@ -388,7 +386,9 @@ def _instruments(record: TurbineRecord) -> str:
     layout = record.layout
     if layout is None:
         return ""
-    rate = f" at {record.state.sampling_rate:g} Hz" if record.state.sampling_rate > 0 else ""
+    units = record.signals.samples.values()
+    rates = sorted({f"{rate:g}" for unit in units for rate in unit.sampling_rates}, key=float)
+    rate = f" at {' and '.join(rates)} Hz" if rates else ""
     names = ", ".join(layout.channel_names)
     return paragraph(f"{count_noun(len(layout.channels), 'channel')}{rate}: {names}.", "quiet")
 

@@ -277,9 +277,7 @@ def _last_reason(rejected: Sequence[WindowRejected]) -> str:
 def _missing_samples(record: TurbineRecord) -> str:
     if not record.state.published:
         return "The recording holds results only, no samples."
-    figures = record.figures
-    stream, units = figures["stream"], figures["books"]["units"]
-    silent = sum(each["pause_before_s"] for each in units)
+    stream, silent = record.figures["stream"], record.run.books.silence(record.turbine)
     pauses = f" Between boots of a unit {span(silent)} have no samples." if silent else ""
     if not stream["gaps"] and not stream["lost"]:
         return pauses.strip() or "No sample is missing."

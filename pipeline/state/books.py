@@ -25,6 +25,7 @@ from pipeline.messages import (
 )
 from pipeline.state.instrument_book import InstrumentBook, InstrumentMessages
 from pipeline.state.phrases import block_numbers, codes_in_words, count_noun
+from pipeline.state.time_spans import covered
 from pipeline.state.turbine_book import TurbineBook, bounded_table
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.boots import NOTABLE_CLOCK_STEP, BootCounter
@@ -157,10 +158,10 @@ class BlockBook:
         }
 
 
-def pauses_before(books: Mapping[UnitBoot, BlockBook]) -> dict[UnitBoot, float]:
-    """Return how long a unit was silent before each of its boots, by its stamps [s].
+def pauses_before(books: Mapping[UnitBoot, BlockBook]) -> dict[UnitBoot, tuple[int, int]]:
+    """Return when a unit was silent before each of its boots, by its stamps [ns since 1970].
 
-    Before the first, and between boots that follow each other or overlap, it is 0.
+    Before the first, and between boots that follow each other or overlap, it was not.
     """
     spans = [
         (book.start_ns, book.end_ns, boot)
@@ -168,11 +169,11 @@ def pauses_before(books: Mapping[UnitBoot, BlockBook]) -> dict[UnitBoot, float]:
         if book.start_ns is not None and book.end_ns is not None
     ]
     ends: dict[tuple[str, str], int] = {}  # of a unit's boots so far
-    found: dict[UnitBoot, float] = {}
+    found: dict[UnitBoot, tuple[int, int]] = {}
     for start_ns, end_ns, boot in sorted(spans):
         before_ns = ends.get(boot[:2], start_ns)
-        silence = (start_ns - before_ns) / NANOSECONDS
-        found[boot] = silence if silence > NOTABLE_CLOCK_STEP else 0.0
+        if start_ns - before_ns > NOTABLE_CLOCK_STEP * NANOSECONDS:
+            found[boot] = before_ns, start_ns
         ends[boot[:2]] = max(before_ns, end_ns)
     return found
 
@@ -381,7 +382,7 @@ class Books:
             "units": [
                 dict(zip(names, boot, strict=True))
                 | book.as_json()
-                | {"pause_before_s": pauses.get(boot, 0.0)}
+                | {"pause_before_s": covered([pauses.get(boot, (0, 0))]) / NANOSECONDS}
                 for boot, book in sorted(self._blocks.items(), key=lambda each: each[0])
                 if book.is_known and only in (None, boot[0])
             ],
@@ -402,6 +403,11 @@ class Books:
             ],
         }
 
+    def silence(self, turbine: str) -> float:
+        """Return for how long a unit of a turbine, or several at once, was between boots [s]."""
+        pauses = pauses_before(self._blocks)
+        return covered(pauses[boot] for boot in pauses if boot[0] == turbine) / NANOSECONDS
+
     @property
     def is_empty(self) -> bool:
         """Whether there is neither a block nor a window."""
@@ -414,7 +420,7 @@ class Books:
         blocks = [book for book in self._blocks.values() if book.is_known]
         books = self._turbines.values()
         refused = sum(map(_refused_by, self._nodes.values()), Counter[str]())
-        silent = sum(pauses_before(self._blocks).values())
+        silent = sum(self.silence(turbine) for turbine in {boot[0] for boot in self._blocks})
         pauses = f" ({silent:.0f} s without samples between boots)" if silent else ""
         unused = f", {refused.total()} not used ({codes_in_words(refused)})" if refused else ""
         recorded = sum(each.n_recorded for each in blocks)

@@ -1,6 +1,7 @@
 """TurbineState: what is known of one turbine of a run."""
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -21,6 +22,7 @@ from pipeline.messages import (
 )
 from pipeline.state.repeated_warnings import DistinctWarnings
 from pipeline.state.run_modes import CombinedMode, CombinedTracks
+from pipeline.state.time_spans import covered
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.bounded_dict import BoundedDict
@@ -93,6 +95,11 @@ class RevisedSize:
         return f"Revised by the windows since (posteriors: {self.n_posteriors}): {changes}."
 
 
+def missing_ns(gaps: Iterable[StreamGap]) -> int:
+    """Return the time in which a gap or several lie, each moment once [ns]."""
+    return covered((gap.start_ns, gap.end_ns) for gap in gaps)
+
+
 @dataclass(slots=True)
 class TurbineState:
     """What is known of one turbine after the messages so far."""
@@ -111,7 +118,8 @@ class TurbineState:
     """Gaps, each once."""
     events: list[FoundationEvent] = field(default_factory=list)
     gone: Counter[str] = field(default_factory=Counter)
-    """Number of each of these that were let go; "gap_ns": the missing time of such gaps."""
+    """Number of each of these that were let go; "gap_ns": the time that is missing in such gaps
+    and in no other."""
     received: Counter[str] = field(default_factory=Counter)
     """Messages received, by type; one that comes again counts again."""
     rejections: Counter[str] = field(default_factory=Counter)
@@ -280,8 +288,8 @@ class TurbineState:
 
     @property
     def missing(self) -> float:
-        """Measured time that its units' gaps lack [s]."""
-        return sum(unit.missing_ns for unit in self.units.values()) / NANOSECONDS
+        """Time in which a gap of a unit or of several at once lies [s]."""
+        return (missing_ns(self.gaps) + self.gone["gap_ns"]) / NANOSECONDS
 
     @property
     def modes(self) -> list[CombinedMode]:
@@ -345,8 +353,8 @@ class TurbineState:
         unit.missing_ns += gap.end_ns - gap.start_ns
         if gap not in self.gaps:
             self.gaps.append(gap)
-            for oldest in self._let_go(self.gaps, "gaps"):
-                self.gone["gap_ns"] += oldest.end_ns - oldest.start_ns
+            gone = self._let_go(self.gaps, "gaps")
+            self.gone["gap_ns"] += missing_ns([*gone, *self.gaps]) - missing_ns(self.gaps)
 
     def _posterior(self, posterior: FoundationPosterior) -> None:
         self.posterior = posterior

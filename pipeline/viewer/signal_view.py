@@ -68,8 +68,6 @@ class _Unit:
     """Blocks of one acquisition unit that are not drawn yet."""
 
     decimator: DisplayDecimator
-    sampling_rate: float
-    """Sampling rate [Hz]."""
     recent: RecentSamples = field(default_factory=RecentSamples)
     last_sequence: int = -1
     block_duration: float = 0.0
@@ -96,9 +94,7 @@ class SignalView:
         """Keep one block; return whether its unit's blocks are due to be drawn."""
         unit = self._units.get(block.unit)
         if unit is None:
-            unit = self._units[block.unit] = _Unit(
-                DisplayDecimator(block.sampling_rate), block.sampling_rate
-            )
+            unit = self._units[block.unit] = _Unit(DisplayDecimator(block.sampling_rate))
         unit.waiting.append(block)
         unit.recent.push(block)
         unit.last_sequence, unit.block_duration = block.sequence, block.duration
@@ -138,11 +134,12 @@ class SignalView:
         unit = None if layout is None else self._units.get(layout.unit)
         if unit is None or layout is None:
             return
-        samples = unit.recent.between(estimate.start_ns, estimate.end_ns)
-        if samples is None or samples.shape[1] != len(layout.channels):
+        found = unit.recent.between(estimate.start_ns, estimate.end_ns)
+        if found is None or found[0].shape[1] != len(layout.channels):
             return
+        samples, sampling_rate = found
         frequencies = [mode.frequency for mode in estimate.modes]
-        picture = spectrum_picture(samples, unit.sampling_rate, layout, frequencies)
+        picture = spectrum_picture(samples, sampling_rate, layout, frequencies)
         plane_views.log_spectrum(self._recording, self._root, picture)
 
     def _faults_of(self, block: AccelerationBlock, unit: _Unit) -> list[FaultyChannels]:

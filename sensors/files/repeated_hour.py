@@ -63,7 +63,7 @@ class _OpenFile:
 
     second: MeasurementFile
     span: SampledSpan
-    """Where it lies, if it is of the first hour."""
+    """Where it lies: of the second hour if its own stamps show this, else of the first."""
 
     later_ns: int
     """How much later the second hour is [ns]."""
@@ -72,7 +72,7 @@ class _OpenFile:
     """What its own stamps show; None: nothing."""
 
     def interval(self, *, second: bool) -> SampledSpan:
-        shift = self.later_ns if second else 0
+        shift = self.later_ns if second and not self.is_second else 0
         return SampledSpan(self.span.begin_ns + shift, self.span.end_ns + shift, self.span.step_ns)
 
 
@@ -133,6 +133,8 @@ def _opened(place: int, file: MeasurementFile, sampling_rate: float | None) -> _
     # without a step back the local clock has shown the end of the hour only if it was the second
     is_past = stamped and not repeated_after_ns(span.end_ns, time.zone)
     own = False if went_back else (True if is_past else None)
+    if own:
+        span, _, _ = _span(second, sampling_rate)
     return _OpenFile(place, file, second, span, later_ns, own)
 
 

@@ -123,17 +123,19 @@ Curve = tuple[str, FloatArray, FloatArray]  # channel, frequencies [Hz], density
 
 
 def _lines_by_direction(record: TurbineRecord) -> dict[str, list[Curve]]:
-    """Fore-aft, side-side and other channels, each with its spectrum."""
+    """Fore-aft, side-side and other channels, each with its spectrum at each rate."""
     lines: dict[str, list[Curve]] = {}
     for unit, layout in sorted(record.state.layouts.items()):
-        found = record.signals.samples[unit].spectra() if unit in record.signals.samples else None
-        if found is None or found[1].shape[1] != len(layout.channels):
-            continue
-        f, densities = found
-        for number, channel in enumerate(layout.channels):
-            name = _direction_name(channel.direction, of_tower=record.has_structure)
-            if densities[1:, number].max(initial=0.0) > 0:
-                lines.setdefault(name, []).append((channel.name, f, densities[:, number]))
+        found = record.signals.samples[unit].spectra() if unit in record.signals.samples else ()
+        for each in found:
+            if each.densities.shape[1] != len(layout.channels):
+                continue
+            rate = f", {each.sampling_rate:g} Hz" if len(found) > 1 else ""
+            for channel, density in zip(layout.channels, each.densities.T, strict=True):
+                name = _direction_name(channel.direction, of_tower=record.has_structure)
+                if density[1:].max(initial=0.0) > 0:
+                    curve = (f"{channel.name}{rate}", each.frequencies, density)
+                    lines.setdefault(name, []).append(curve)
     return lines
 
 

@@ -2,7 +2,7 @@
 
     AccelerationBlock ─► ChannelRecord ─► spectra (Welch), rms, largest value, missing samples
 
-Memory is one segment of samples a unit, however long the recording.
+Memory is one segment of samples a unit and rate, however long the recording.
 """
 
 from dataclasses import dataclass, field
@@ -21,6 +21,7 @@ MOST_COLUMNS = 240  # of a spectrogram; an even number
 BANDS = 140  # of frequency, of equal ratio
 LOWEST_LINE = 3  # lines below are the mean and its leakage
 FEWEST_COLUMNS = 6  # that show something over time
+SAME_RATE = 1e-3  # by which rates that are found from stamps differ between files [-]
 
 
 @dataclass(slots=True)
@@ -49,12 +50,12 @@ class Spectrogram:
         start_ns : int
             Its first sample [ns since 1970-01-01 UTC].
         frequencies : ndarray, shape (n,)
-            [Hz], evenly spaced; the same of every segment.
+            [Hz], evenly spaced by the same step in every segment.
         densities : ndarray, shape (n, n_channels)
             [unit²/Hz]
         """
-        if not len(self.edges):
-            self.edges = np.geomspace(frequencies[LOWEST_LINE], frequencies[-1], BANDS + 1)
+        if not len(self.edges) or frequencies[-1] > (1 + SAME_RATE) * self.edges[-1]:
+            self._widen(np.geomspace(frequencies[LOWEST_LINE], frequencies[-1], BANDS + 1))
         if not self._waiting:
             self._waiting_ns = start_ns
         self._waiting.append(_banded(frequencies, densities.sum(axis=1), self.edges))
@@ -65,6 +66,19 @@ class Spectrogram:
         self._waiting.clear()
         if len(self._columns) == MOST_COLUMNS:
             self._halve()
+
+    def _widen(self, edges: FloatArray) -> None:
+        """Take other bands, as a higher rate does: the columns so far have none at its top."""
+        if self._columns or self._waiting:
+            centres = np.sqrt(edges[:-1] * edges[1:])
+            places = np.searchsorted(self.edges, centres, side="right") - 1
+            known = places < BANDS
+            for columns in (self._columns, self._waiting):
+                columns[:] = [
+                    np.where(known, column[np.minimum(places, BANDS - 1)], np.nan)
+                    for column in columns
+                ]
+        self.edges = edges
 
     def _halve(self) -> None:
         pairs = len(self._columns) // 2
@@ -93,13 +107,17 @@ class Spectrogram:
 
 
 def _banded(frequencies: FloatArray, density: FloatArray, edges: FloatArray) -> FloatArray:
-    """(BANDS,) the largest density in each band; between lines where a band has none."""
+    """(BANDS,) the largest density in each band; between lines where a band has none.
+
+    NaN of a band above the highest frequency.
+    """
     first = np.searchsorted(frequencies, edges)
-    found = np.interp(np.sqrt(edges[:-1] * edges[1:]), frequencies, density)
+    centres = np.sqrt(edges[:-1] * edges[1:])
+    found = np.interp(centres, frequencies, density, right=np.nan)
     for band in range(BANDS):
         inside = density[first[band] : first[band + 1]]
         if len(inside):
-            found[band] = max(found[band], inside.max())
+            found[band] = np.fmax(found[band], inside.max())
     return found
 
 
@@ -115,20 +133,67 @@ class ChannelStatistics:
     """Share of the samples that are NaN or infinite [-]."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RateSpectra:
+    """Averaged spectra of what one unit sampled at one rate."""
+
+    sampling_rate: float
+    """[Hz]"""
+    frequencies: FloatArray
+    """Shape (n,) [Hz]."""
+    densities: FloatArray
+    """One-sided, shape (n, n_channels) [unit²/Hz]."""
+
+
+@dataclass(slots=True)
+class _Segments:
+    """Welch's segments of what one unit sampled at one rate."""
+
+    sampling_rate: float
+    n_segments: int = 0
+    densities: FloatArray | None = None
+    """Sum over the segments."""
+    waiting: list[NDArray[np.float32]] = field(default_factory=list)
+    """Samples of the next segment."""
+
+    def push(self, samples: NDArray[np.float32], end_ns: int, spectrogram: Spectrogram) -> None:
+        self.waiting.append(samples)
+        length = round(SEGMENT * self.sampling_rate)
+        if sum(map(len, self.waiting)) < length:
+            return
+        joined = np.concatenate(self.waiting)
+        frequencies, densities = power_spectral_densities(joined[:length], self.sampling_rate)
+        start_ns = end_ns - round(len(joined) / self.sampling_rate * NANOSECONDS)
+        spectrogram.add(start_ns, frequencies, densities.astype(np.float64))
+        before = 0.0 if self.densities is None else self.densities
+        self.densities = before + densities.astype(np.float64)
+        self.n_segments += 1
+        self.waiting = [joined[length // 2 :]]
+
+    def spectra(self) -> RateSpectra | None:
+        if self.densities is not None:
+            length = round(SEGMENT * self.sampling_rate)
+            frequencies = np.arange(len(self.densities)) * self.sampling_rate / length
+            return RateSpectra(self.sampling_rate, frequencies, self.densities / self.n_segments)
+        if sum(map(len, self.waiting)) < SHORTEST_SEGMENT * self.sampling_rate:
+            return None
+        frequencies, densities = power_spectral_densities(
+            np.concatenate(self.waiting), self.sampling_rate
+        )
+        return RateSpectra(self.sampling_rate, frequencies, densities.astype(np.float64))
+
+
 @dataclass(slots=True)
 class ChannelRecord:
     """One unit's samples, block by block."""
 
-    sampling_rate: float
-    """[Hz]"""
-    n_segments: int = 0
-    """Segments in the spectra."""
     spectrogram: Spectrogram = field(default_factory=Spectrogram)
-    """Of its segments over time."""
-    _densities: FloatArray | None = None
-    _segment: list[NDArray[np.float32]] = field(default_factory=list)
-    _next_sample: int = -1
-    _end_ns: int = 0
+    """Of the segments of all rates over time."""
+    _rates: list[_Segments] = field(default_factory=list)
+    _current: _Segments | None = None
+    """Of the block before."""
+    _expected: tuple[str, int] = ("", -1)
+    """Session and first sample of a block that goes on behind it."""
     _count: int = 0
     _finite: FloatArray = field(default_factory=lambda: np.zeros(0))
     _sums: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -137,38 +202,43 @@ class ChannelRecord:
     _high: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def push(self, block: AccelerationBlock) -> None:
-        """Add a block; a segment that a gap or a missing sample cuts is left out."""
+        """Add a block; a segment that a gap, a missing sample or another rate cuts is left out."""
         samples = block.samples
         if not len(self._finite):
             self._begin(samples.shape[1])
         if samples.shape[1] != len(self._finite):
             return  # another layout: its channels are others
         self._add_statistics(samples.astype(np.float64))
-        if block.first_sample != self._next_sample or not np.isfinite(samples).all():
-            self._segment.clear()
-        self._next_sample = block.first_sample + len(samples)
-        self._end_ns = block.end_ns
-        if np.isfinite(samples).all():
-            self._segment.append(samples)
-            self._add_spectrum()
+        before, self._current = self._current, self._segments_at(block.sampling_rate)
+        is_whole = bool(np.isfinite(samples).all())
+        goes_on = self._expected == (block.session, block.first_sample)
+        if before is not self._current or not goes_on or not is_whole:
+            self._current.waiting.clear()
+        self._expected = (block.session, block.first_sample + len(samples))
+        if is_whole:
+            self._current.push(samples, block.end_ns, self.spectrogram)
 
-    def spectra(self) -> tuple[FloatArray, FloatArray] | None:
-        """Frequencies (n,) [Hz] and one-sided densities (n, n_channels) [unit²/Hz].
+    def spectra(self) -> tuple[RateSpectra, ...]:
+        """Return the spectra of each rate of which a short segment, at least, is whole."""
+        found = [each.spectra() for each in sorted(self._rates, key=lambda at: at.sampling_rate)]
+        return tuple(each for each in found if each is not None)
 
-        None where not even a short segment is whole.
-        """
-        n_left = sum(len(samples) for samples in self._segment)
-        if self._densities is None and n_left >= SHORTEST_SEGMENT * self.sampling_rate:
-            frequencies, densities = power_spectral_densities(
-                np.concatenate(self._segment), self.sampling_rate
-            )
-            return frequencies, densities.astype(np.float64)
-        if self._densities is None:
-            return None
-        n_lines = len(self._densities)
-        length = round(SEGMENT * self.sampling_rate)
-        frequencies = np.arange(n_lines) * self.sampling_rate / length
-        return frequencies, self._densities / self.n_segments
+    @property
+    def sampling_rates(self) -> tuple[float, ...]:
+        """The rates of its blocks, rising [Hz]."""
+        return tuple(sorted(each.sampling_rate for each in self._rates))
+
+    @property
+    def n_segments(self) -> int:
+        """Segments in the spectra."""
+        return sum(each.n_segments for each in self._rates)
+
+    def _segments_at(self, rate: float) -> _Segments:
+        for each in self._rates:
+            if abs(rate - each.sampling_rate) <= SAME_RATE * each.sampling_rate:
+                return each
+        self._rates.append(_Segments(rate))
+        return self._rates[-1]
 
     def statistics(self) -> tuple[ChannelStatistics, ...]:
         """Statistics of each channel, in order."""
@@ -194,19 +264,6 @@ class ChannelRecord:
         self._low = np.minimum(self._low, np.where(finite, samples, np.inf).min(axis=0))
         self._high = np.maximum(self._high, np.where(finite, samples, -np.inf).max(axis=0))
 
-    def _add_spectrum(self) -> None:
-        length = round(SEGMENT * self.sampling_rate)
-        if sum(len(samples) for samples in self._segment) < length:
-            return
-        joined = np.concatenate(self._segment)
-        frequencies, densities = power_spectral_densities(joined[:length], self.sampling_rate)
-        start_ns = self._end_ns - round(len(joined) / self.sampling_rate * NANOSECONDS)
-        self.spectrogram.add(start_ns, frequencies, densities.astype(np.float64))
-        before = 0.0 if self._densities is None else self._densities
-        self._densities = before + densities.astype(np.float64)
-        self.n_segments += 1
-        self._segment = [joined[length // 2 :]]
-
 
 @dataclass(slots=True)
 class SignalRecord:
@@ -221,7 +278,7 @@ class SignalRecord:
         """Take one message of the turbine into account."""
         if isinstance(message, AccelerationBlock):
             if message.unit not in self.samples:
-                self.samples[message.unit] = ChannelRecord(message.sampling_rate)
+                self.samples[message.unit] = ChannelRecord()
             self.samples[message.unit].push(message)
         elif isinstance(message, StabilisationDiagram) and (
             self.stabilisation is None or message.end_ns >= self.stabilisation.end_ns

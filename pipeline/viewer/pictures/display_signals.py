@@ -67,13 +67,12 @@ class DisplayDecimator:
     """Anti-aliased decimation of consecutive blocks, each sample at its own time.
 
     A linear-phase low-pass of 8 display samples' length, read at every `factor`-th sample; its
-    delay is taken out of the times. A gap or a restart resets it, which costs the
+    delay is taken out of the times. A gap, a restart or another rate resets it, which costs the
     first and the last 0.2 s of each stretch. For display only: identification does not use it.
     """
 
     def __init__(self, sampling_rate: float) -> None:
-        self._factor = max(1, int(sampling_rate / DISPLAY_RATE + 1e-9))
-        self._taps = low_pass(self._factor)
+        self._set_rate(sampling_rate)
         self._tail: NDArray[np.float32] | None = None  # samples that the next block still needs
         self._skip = 0  # samples at the tail's front before the next filter position
         self._expected = ("", -1)  # session and first_sample that would follow without a gap
@@ -81,7 +80,12 @@ class DisplayDecimator:
 
     def push(self, block: AccelerationBlock) -> DisplaySignal:
         """Return the display samples that this block completes."""
-        broken = self._tail is not None and self._expected != (block.session, block.first_sample)
+        broken = self._tail is not None and (
+            self._expected != (block.session, block.first_sample)
+            or self._rate != block.sampling_rate
+        )
+        if self._rate != block.sampling_rate:
+            self._set_rate(block.sampling_rate)
         if broken or self._tail is None:
             self._tail = np.empty((0, block.samples.shape[1]), np.float32)
             self._skip = 0
@@ -91,6 +95,11 @@ class DisplayDecimator:
         self._expected = (block.session, block.first_sample + len(block.samples))
         self._end_ns = block.end_ns
         return signal
+
+    def _set_rate(self, sampling_rate: float) -> None:
+        self._rate = sampling_rate
+        self._factor = max(1, int(sampling_rate / DISPLAY_RATE + 1e-9))
+        self._taps = low_pass(self._factor)
 
     def _decimate(self, block: AccelerationBlock, tail: NDArray[np.float32]) -> DisplaySignal:
         joined = np.concatenate([tail, block.samples])

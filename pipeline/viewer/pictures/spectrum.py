@@ -108,15 +108,16 @@ class RecentSamples:
         while self._blocks[0].start_ns < block.start_ns - KEPT_DURATION * NANOSECONDS:
             self._blocks.popleft()
 
-    def between(self, start_ns: int, end_ns: int) -> NDArray[np.float32] | None:
-        """Return the samples of the blocks that begin in a window, shape (n, n_channels) [m/s²].
+    def between(self, start_ns: int, end_ns: int) -> tuple[NDArray[np.float32], float] | None:
+        """Return the samples of the blocks that begin in a window, and their rate.
 
-        None where there are none or their channels differ.
+        Shape (n, n_channels) [m/s²], [Hz]; None where there are none or their channels or rates
+        differ.
         """
-        inside = [block.samples for block in self._blocks if start_ns <= block.start_ns < end_ns]
-        if not inside or len({samples.shape[1] for samples in inside}) > 1:
+        inside = [block for block in self._blocks if start_ns <= block.start_ns < end_ns]
+        if len({(block.samples.shape[1], block.sampling_rate) for block in inside}) != 1:
             return None
-        return np.concatenate(inside)
+        return np.concatenate([block.samples for block in inside]), inside[0].sampling_rate
 
 
 def spectrum_picture(

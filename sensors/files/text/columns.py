@@ -29,7 +29,7 @@ from sensors.files.table import (
 from sensors.files.text.arrow_values import values_of
 from sensors.files.text.column_titles import is_number_title, is_time_title, time_unit
 from sensors.files.text.dates import zone_in_title
-from sensors.files.text.time_column import ClockError, TextClock, iso
+from sensors.files.text.time_column import ClockError, TextClock
 
 logger = logging.getLogger(__name__)
 
@@ -372,13 +372,10 @@ def _seconds_of(
             times = clock.seconds(joined)
         except ClockError as error:
             raise FileError(f"{path}: the time column {clock.title!r} {error}") from error
-        for changed_ns in clock.summer_time.changes_ns:
-            log_once(
-                f"{path}: the clock leaps by an hour at {iso(changed_ns)[:19]}, as local time does "
-                "on that night; all times are read as those before it"
-            )
+        for remark in clock.local_clock.remarks:
+            log_once(f"{path}: {remark}")
         return replace(chunk, times=times, start_ns=clock.start_ns or columns.start_ns,
-                       stated_rate=None, went_back=clock.summer_time.went_back)  # fmt: skip
+                       stated_rate=None, went_back=clock.local_clock.went_back)  # fmt: skip
 
     return timed
 

@@ -8,20 +8,13 @@
 A time without a zone is UTC, unless a zone is stated beside the file. Whether 3/4/2024 is in March
 or in April, only a later day shows.
 
-Stamps of local time without a zone are followed over the begin and the end of summer time, times of
-day over midnight:
-
-    02:59:59.95, 02:00:00.00      an hour back, in autumn: the stamps behind it are an hour later
-    01:59:59.95, 03:00:00.00      an hour ahead, in spring: no sample is missing
-
-Only a Sunday night's hour is taken for it, up to half an hour of which may be missing when it goes
-back, and half a usual step or two samples of a fast logger when it goes ahead; any other step is
-what it seems.
+`local_clock` follows stamps without a zone over the changes of their clock, times of day over
+midnight.
 """
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Literal
 
@@ -31,7 +24,6 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.constants import DAY
 from sensors.files.table import DateOrder, zone_named
 from sensors.files.text.arrow_values import integers_of, truths_of
 
@@ -246,105 +238,3 @@ def _order(examples: Sequence[str], dates: DateOrder | None) -> Order:
         f"{examples[0].strip()!r}: is the day or the month first? --dates day-first or --dates "
         'month-first says it (dates="day-first" in Python, under [time] of a layout file too)'
     )
-
-
-HOUR = 3600 * NANOSECONDS  # [ns]
-SLACK = 60 * NANOSECONDS  # by which a clock may be put back further than an hour [ns]
-WHOLE_DAY = round(DAY) * NANOSECONDS  # [ns]
-LATE = HOUR  # that may be missing around midnight [ns]
-SUNDAY, THURSDAY = 6, 3  # days of a week from Monday; 1970-01-01 was a Thursday
-CHANGING_MONTHS = (3, 4, 9, 10, 11)  # in either hemisphere
-LATEST_HOUR = 4  # of the night in which clocks change [h]
-
-
-def leaps_of(steps: NDArray[np.int64], usual: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which steps of stamps are an hour less than usual, and which an hour more.
-
-    Parameters
-    ----------
-    steps : ndarray, shape (n,)
-        From the stamp before to each [ns].
-    usual : float
-        Step where no clock changes [ns].
-
-    Notes
-    -----
-    Where a clock goes back, rows that are s apart step by s less an hour, and by more if some are
-    missing, for up to half an hour. Rows a quarter of an hour apart or less that are out of order
-    or written twice are less than that off; rows further apart than an hour show no change.
-    """
-    off = steps - usual
-    back = (off < -HOUR / 2) & (steps >= -HOUR - SLACK) & (usual <= HOUR)
-    uneven = max(2 * min(usual, NANOSECONDS), usual / 2)
-    return back, np.abs(off - HOUR) <= uneven
-
-
-@dataclass(slots=True)
-class SummerTime:
-    """Follows the stamps of one column, batch by batch."""
-
-    changes_ns: list[int] = field(default_factory=list)
-    """First stamp behind each change, as it is written [ns since 1970]."""
-
-    _added: int = 0
-    """To the stamps from the last change on [ns]."""
-
-    went_back: bool = False
-    """Whether one of them was the end of summer time: what is before it came first."""
-
-    _last: int | None = None
-    _usual: float = 0.0
-    """Step between two stamps [ns]."""
-
-    def continuous(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return stamps on the clock of the column's first one.
-
-        Parameters
-        ----------
-        stamps : ndarray, shape (n,)
-            As written, n > 0 [ns since 1970].
-        """
-        steps = np.diff(stamps, prepend=stamps[0] if self._last is None else np.int64(self._last))
-        rising = steps[steps > 0]
-        if len(rising):
-            self._usual = float(np.median(rising))
-        if self._last is None:
-            steps[0] = round(self._usual)
-        back, ahead = leaps_of(steps, self._usual)
-        change = (back | ahead) & _is_changing_night(stamps)
-        self.changes_ns += stamps[change].tolist()
-        self.went_back = self.went_back or bool((change & back).any())
-        added = self._added + np.cumsum(np.where(change, np.where(back, HOUR, -HOUR), 0))
-        self._last, self._added = int(stamps[-1]), int(added[-1])
-        return np.asarray(stamps + added, dtype=np.int64)
-
-
-@dataclass(slots=True)
-class Midnights:
-    """Follows times of day without a date over midnight, batch by batch."""
-
-    _added: int = 0
-    """To the times from the last midnight on [ns]."""
-    _last: int | None = None
-
-    def continuous(self, times: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return times since the first day's midnight.
-
-        Parameters
-        ----------
-        times : ndarray, shape (n,)
-            Since midnight, n > 0 [ns].
-        """
-        steps = np.diff(times, prepend=times[0] if self._last is None else np.int64(self._last))
-        added = self._added + WHOLE_DAY * np.cumsum(steps + WHOLE_DAY <= LATE)
-        self._last, self._added = int(times[-1]), int(added[-1])
-        return np.asarray(times + added, dtype=np.int64)
-
-
-def _is_changing_night(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    seconds = stamps // NANOSECONDS
-    day = seconds // int(DAY)
-    month = stamps.astype("datetime64[ns]").astype("datetime64[M]").astype(np.int64) % 12 + 1
-    sunday = (day + THURSDAY) % 7 == SUNDAY
-    hour = seconds % int(DAY) // 3600
-    return np.asarray(sunday & (hour <= LATEST_HOUR) & np.isin(month, CHANGING_MONTHS))

@@ -25,11 +25,9 @@ from sensors.files.text.arrow_values import integers_of, truths_of, values_of
 from sensors.files.text.dates import (
     DateError,
     DateStyle,
-    Midnights,
-    SummerTime,
     kind_of_text,
-    zone_offset_ns,
 )
+from sensors.files.text.local_clock import Midnights, SummerTime, ZoneClock, clock_of
 
 SECONDS_PER_UNIT = {
     "": 1.0,
@@ -176,12 +174,12 @@ class TextClock:
 
     _scale: Scale | None = None
     _style: DateStyle | None = field(default=None)
-    _ahead: int | None = None
-    """Of UTC, at the first stamp [ns]."""
-
     _midnights: Midnights = field(default_factory=Midnights)
-    summer_time: SummerTime = field(default_factory=SummerTime)
-    """Changes of a local clock that the dates run over."""
+    local_clock: SummerTime | ZoneClock = field(init=False)
+    """Reads dates without a zone."""
+
+    def __post_init__(self) -> None:
+        self.local_clock = clock_of(self.zone, second=self.second)
 
     def seconds(self, column: pa.Array) -> FloatArray:
         """Return seconds since the file's first stamp.
@@ -199,7 +197,7 @@ class TextClock:
         elif pa.types.is_timestamp(kind) or pa.types.is_date(kind):
             stamps = _nanoseconds(column, pa.timestamp("ns"))
             if self.zone and (pa.types.is_date(kind) or kind.tz is None):
-                stamps = self._in_utc(stamps)
+                stamps = self.local_clock.in_utc(stamps)
             seconds = self._of_nanoseconds(stamps, dated=True)
         elif pa.types.is_duration(kind) or pa.types.is_time(kind):
             nanosecond_kind = pa.duration("ns") if pa.types.is_duration(kind) else pa.time64("ns")
@@ -228,7 +226,7 @@ class TextClock:
             if not self._style.dated:
                 stamps = self._midnights.continuous(stamps)
             elif not self._style.zoned:
-                stamps = self._in_utc(stamps)
+                stamps = self.local_clock.in_utc(stamps)
             return self._of_nanoseconds(stamps, dated=self._style.dated)
         except DateError as error:
             raise ClockError(f"has {error}") from error
@@ -238,13 +236,6 @@ class TextClock:
                 f"has {texts[odd].as_py()!r} in sample {self._rows + odd + 1}; a time is needed: a "
                 "number, or 2024-12-31T23:59:59.5, alike in every row"
             ) from error
-
-    def _in_utc(self, stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return stamps of local time, (n,) [ns], in UTC."""
-        local = self.summer_time.continuous(stamps)
-        if self._ahead is None:
-            self._ahead = zone_offset_ns(int(local[0]), self.zone, second=self.second)
-        return local - self._ahead
 
     def _of_nanoseconds(self, stamps: NDArray[np.int64], *, dated: bool) -> FloatArray:
         if self._first is None:

@@ -180,9 +180,9 @@ def test_a_change_is_told_with_its_time_from_the_first_sample() -> None:
     }
 
 
-def gap(start: int, end: int) -> StreamGap:
+def gap(start: int, end: int, unit: str = "tower") -> StreamGap:
     """[s]"""
-    return StreamGap("t1", "tower", "s", start * NANOSECONDS, end * NANOSECONDS, start, end - start)
+    return StreamGap("t1", unit, "s", start * NANOSECONDS, end * NANOSECONDS, start, end - start)
 
 
 def test_who_joins_a_unit_that_runs_is_not_told_that_all_before_is_missing() -> None:
@@ -198,6 +198,23 @@ def test_who_joins_a_unit_that_runs_is_not_told_that_all_before_is_missing() -> 
         assert figures["stream"]["gaps"] == gaps
         assert len(figures["windows"]["rejected"]) == gaps - 1
         assert (figures["stream"]["gap_s"] == 8.0) == live
+
+
+@pytest.mark.parametrize("kept", [1, 2, 1000])
+def test_time_that_several_units_lack_at_once_is_missing_once(
+    monkeypatch: pytest.MonkeyPatch, kept: int
+) -> None:
+    monkeypatch.setattr("pipeline.monitoring.summary.KEPT_WINDOWS", kept)
+    summary = SessionSummary("live", "t1", live=True)
+    for begin in (0, 100, 200):
+        for unit in ("tower", "nacelle", "pile"):
+            summary.handle(gap(begin, begin + 60, unit))
+    summary.handle(gap(230, 290))
+    stream = summary.as_json(wall=1.0)["stream"]
+    assert (stream["gaps"], stream["gap_s"]) == (10, 210.0)
+    assert summary.main.missing == 210.0
+    summary.handle(gap(230, 290))
+    assert summary.main.missing == 210.0  # as a restarted node reports it
 
 
 def test_a_live_session_of_years_keeps_the_latest_and_counts_all(monkeypatch) -> None:

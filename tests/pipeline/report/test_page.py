@@ -13,12 +13,19 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.messages import FoundationTruth, ModalEstimate, RefusedMode, StabilisationDiagram
+from pipeline.messages import (
+    FoundationTruth,
+    ModalEstimate,
+    RefusedMode,
+    StabilisationDiagram,
+    StreamGap,
+)
 from pipeline.recording.errors import RecordingError
 from pipeline.report.canvas import PageFigure
 from pipeline.report.figures_json import session_json
-from pipeline.report.page import _provenance, page, write_page
-from pipeline.report.recorded_session import RecordedSession, read_session
+from pipeline.report.page import _key_figures, _provenance, page, write_page
+from pipeline.report.recorded_session import RecordedSession, TurbineRecord, read_session
+from pipeline.report.sentences import measurement_sentences
 from pipeline.report.wording import between_instants
 from pipeline.updating.prior import PriorSettings
 from sensors.acquisition.blocks import NANOSECONDS
@@ -256,6 +263,28 @@ def test_a_session_lasts_from_its_first_turbines_beginning_to_its_last_ones_end(
     records = [SimpleNamespace(span_ns=each) for each in spans]
     session = RecordedSession("a", (Path("a"),), (), {}, None, records)  # type: ignore[arg-type]
     assert between_instants(hours[0], hours[3]) in _provenance(session)
+
+
+def test_the_cards_have_the_time_of_samples_and_what_several_units_lack_once() -> None:
+    """Twice ten minutes with 28 days between them; two units lack one minute together."""
+    record, second = TurbineRecord("t1"), NANOSECONDS
+    for session_name, later in (("a", 0), ("b", 28 * 86_400)):
+        for number in range(0, 600, 20):
+            for unit in ("tower", "nacelle"):
+                samples = np.zeros((200, 8), np.float32)
+                start_ns = START_NS + (later + number) * second
+                made = replace(block(number // 20, unit=unit), session=session_name)
+                made = replace(made, start_ns=start_ns, first_sample=10 * number, samples=samples)
+                record.run.fold(replace(made, sampling_rate=10.0))
+    for unit in ("tower", "nacelle"):
+        gap = StreamGap("t1", unit, "b", START_NS, START_NS + 60 * second, 1, 60)
+        record.run.fold(gap)
+    cards = dict(_key_figures(record))
+    assert (cards["measured"], cards["missing"]) == ("20 min", "60 s")
+    sentences = " ".join(measurement_sentences(record))
+    assert "20 min of measurements over 28 d 0 h" in sentences
+    assert "2 gaps in the stream, 60 s in all" in sentences
+    assert "Between boots of a unit 27 d 23 h have no samples" in sentences
 
 
 if __name__ == "__main__":

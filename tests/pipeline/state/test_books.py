@@ -179,6 +179,21 @@ def test_time_without_samples_between_boots_is_in_the_books(session: str) -> Non
     assert "without samples" not in joined.line
 
 
+def test_a_silence_of_two_units_at_once_counts_once() -> None:
+    first = [block(k, unit=unit) for unit in ("tower", "nacelle") for k in range(30)]
+    later = [
+        replace(block(k, unit=unit), session="s2", start_ns=block(k + begin).start_ns)
+        for unit, begin in (("tower", 230), ("nacelle", 130))
+        for k in range(20)
+    ]
+    books = books_of(*first, *later)
+    pauses = [u["pause_before_s"] for u in books.as_json()["units"]]
+    assert sorted(pauses) == pytest.approx([0.0, 0.0, 100.0, 200.0])
+    assert books.silence("t1") == pytest.approx(200.0)
+    assert books.silence("t2") == 0.0
+    assert "of 4 boots recorded (200 s without samples between boots)" in books.line
+
+
 def test_an_estimate_is_forgotten_when_two_later_ones_are_answered() -> None:
     """One may have been overtaken; of two the updating has lost the estimate."""
     answered = [identified(k) for k in range(3)]

@@ -214,8 +214,21 @@ def test_samples_of_a_window_are_those_of_its_blocks_and_old_ones_are_let_go():
         recent.push(block)
     found = recent.between(blocks[10].start_ns, blocks[11].end_ns)
     assert found is not None
-    np.testing.assert_allclose(found, np.concatenate([blocks[10].samples, blocks[11].samples]))
+    samples, rate = found
+    np.testing.assert_allclose(samples, np.concatenate([blocks[10].samples, blocks[11].samples]))
+    assert rate == blocks[10].sampling_rate
     assert recent.between(blocks[0].start_ns, blocks[0].end_ns) is None
+
+
+def test_a_window_has_the_rate_of_its_own_samples():
+    recent, rng = RecentSamples(), np.random.default_rng(8)
+    first, second, third = (acceleration_block(sequence, 600, rng) for sequence in range(3))
+    faster = replace(second, sampling_rate=2 * first.sampling_rate)
+    for each in (first, faster, third):
+        recent.push(each)
+    found = [recent.between(each.start_ns, each.end_ns) for each in (first, second)]
+    assert [each and each[1] for each in found] == [first.sampling_rate, 2 * first.sampling_rate]
+    assert recent.between(first.start_ns, second.end_ns) is None
 
 
 def test_mac_matrix_is_bright_on_its_diagonal_and_in_the_order_of_frequency():

@@ -111,6 +111,30 @@ def test_a_controllers_file_in_local_time_runs_over_the_change_of_its_clock(
     )
 
 
+@pytest.mark.parametrize(
+    ("title", "zone", "day"),
+    [
+        ("time (UTC)", "", "2025-03-30"),
+        ("time", "UTC", "2025-03-30"),
+        ("time", "UTC+01:00", "2025-03-30"),
+        ("time", "Europe/Berlin", "2025-03-02"),
+        ("time", "", "2025-03-02"),
+    ],
+)
+def test_an_hour_that_is_missing_on_a_sunday_night_is_no_summer_time(
+    tmp_path: Path, title: str, zone: str, day: str
+) -> None:
+    begin = datetime.fromisoformat(day)
+    moments = [begin + timedelta(minutes=10 * i) for i in range(36) if not 6 <= i < 12]
+    rows = [f"{each:%F %T};{hours(each, begin):.6f}" for each in moments]
+    path = tmp_path / "scada.csv"
+    path.write_text("\n".join([f"{title};water level [m]", *rows]) + "\n")
+    file, first = open_file(path, None, Wanted(time=TimeColumn(zone=zone)))
+    found = list(read_conditions([file], condition_channels(first.names, first.units), "t1"))
+    since = [(each.time_ns - found[0].time_ns) / 3600e9 for each in found]
+    assert [each.water_level for each in found] == pytest.approx(since, abs=1e-6)
+
+
 def hours(moment: datetime, begin: datetime) -> float:
     return (moment - begin).total_seconds() / 3600
 

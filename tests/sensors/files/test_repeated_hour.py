@@ -131,6 +131,13 @@ def test_files_of_slow_rows_continue_one_another_too(
     assert "only that files then continue one another shows" in warning
 
 
+def test_a_file_that_runs_past_the_hour_ends_when_it_does(tmp_path: Path) -> None:
+    """The next file lies behind it: what was open is where the first one begins."""
+    files = [written(tmp_path / "a.csv", "01:30", 50), written(tmp_path / "b.csv", "01:20")]
+    files.append(written(tmp_path / "c.csv", "02:20"))
+    assert begins(open_measurement(files, time=BERLIN)) == ["b 01:20", "a 01:30", "c 02:20"]
+
+
 def test_files_that_overlap_in_either_hour_name_the_change(tmp_path: Path) -> None:
     files = [written(tmp_path / f"{name}.csv", "00:20") for name in "abc"]
     with pytest.raises(InputError, match=r"must not overlap\. Summer time of Europe/Berlin ends"):

@@ -113,3 +113,17 @@ def test_a_new_session_of_the_unit_is_a_break_too():
 def test_low_pass_leaves_a_constant_as_it_is():
     for factor in (1, 2, 5, 10):
         assert low_pass(factor).sum() == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("rates", [(40.0, 200.0), (200.0, 40.0), (20.0, 100.0)])
+def test_blocks_of_another_rate_are_filtered_for_theirs(rates: tuple[float, float]):
+    before, after = (blocks(0.5, sampling_rate=rate, seconds=10) for rate in rates)
+    later = 10 * NANOSECONDS
+    after = [replace(each, session="b", start_ns=each.start_ns + later) for each in after]
+    signal = shown(before + after)
+    (broken,) = np.flatnonzero(np.isnan(signal.samples[:, 0]))
+    assert signal.times_ns[broken] == before[-1].end_ns
+    behind = signal.times_ns[broken + 1 :]
+    alone = shown(after)
+    np.testing.assert_array_equal(behind, alone.times_ns)
+    assert signal.samples[broken + 1 :] == pytest.approx(alone.samples, abs=DISPLAY_STEP)
