@@ -48,7 +48,7 @@ GOODBYE = 2.0  # for the answer to a session's end [s]
 PUBLISHING = 500.0  # how often the server sends what it has [ms]
 SESSION_KEPT = 60_000  # without this client, by the server [ms]
 SEAM = NANOSECONDS  # read again after a restart: what was published is left out by its time [ns]
-MOST_WAITING = 200_000  # values of all variables, some 200 MB, while a history is read
+MOST_VALUES_WAITING = 200_000  # values of all variables, some 200 MB, while a history is read
 _USER_REFUSED = ("BadUserAccessDenied", "BadIdentityTokenRejected", "BadIdentityTokenInvalid")
 _FINAL = (  # answers that no second attempt changes
     "BadUserAccessDenied",
@@ -71,7 +71,7 @@ class DataChanges:
 
     Notes
     -----
-    Where more than MOST_WAITING wait it counts as ended: the next session reads what follows from
+    Where more than MOST_VALUES_WAITING wait it counts as ended: the next session reads what follows from
     the server's history.
     """
 
@@ -82,7 +82,7 @@ class DataChanges:
 
     def datachange_notification(self, node: Any, value: Any, change: Any) -> None:
         """Keep a value."""
-        if not self._is_full and self._waiting.qsize() >= MOST_WAITING:
+        if not self._is_full and self._waiting.qsize() >= MOST_VALUES_WAITING:
             self._is_full = True
             self._waiting.put_nowait(None)
         if self._is_full:
@@ -107,7 +107,7 @@ class DataChanges:
             taken.append(self._waiting.get_nowait())
         values = [each for each in taken if each is not None]
         if not values:
-            full = f"more than {MOST_WAITING} values waited to be read"
+            full = f"more than {MOST_VALUES_WAITING} values waited to be read"
             raise LinkError(full if self._is_full else "the server ended it")
         if len(values) < len(taken):
             self._waiting.put_nowait(None)  # for the next call

@@ -125,7 +125,7 @@ def test_a_server_that_does_not_go_by_the_times_asked_for_is_left(
 def test_values_that_wait_have_a_bound_and_the_others_are_read_from_the_history(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(opcua_feed, "MOST_WAITING", 3)
+    monkeypatch.setattr(opcua_feed, "MOST_VALUES_WAITING", 3)
 
     async def taken() -> list[int | None]:
         node = SimpleNamespace(nodeid=1)
