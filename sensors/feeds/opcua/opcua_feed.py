@@ -71,8 +71,8 @@ class DataChanges:
 
     Notes
     -----
-    Where more than MOST_VALUES_WAITING wait it counts as ended: the next session reads what follows from
-    the server's history.
+    Where more than MOST_VALUES_WAITING wait it counts as ended: the next session reads what follows
+    from the server's history.
     """
 
     def __init__(self, channels: Mapping[Any, str]) -> None:
