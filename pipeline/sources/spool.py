@@ -5,8 +5,9 @@
     spool/lock              of the process that writes here
 
 A file goes when every block in it is acknowledged, the oldest also where all of them together are
-larger than allowed. What a power cut or a full disk left half written is cut off; a record whose
-checksum does not hold is left out and counted.
+larger than allowed. Where a record is damaged the next one is looked for that has its checksum;
+what is between is counted. A file whose rest cannot be read is renamed to .unreadable instead of
+removed, unless a power cut or a full disk left that rest half written.
 """
 
 import fcntl
@@ -36,7 +37,9 @@ logger = logging.getLogger(__name__)
 FILE_HEAD = b"pilewatch spool 1\n"
 FILE_BYTES = 2**20  # after which the next file begins
 MOST_MEGABYTES = 500.0  # of all files [10⁶ bytes]; of eight channels at 100 Hz two days
+MOST_ASIDE = 10  # files that cannot be read in full
 _RECORD = struct.Struct("<II")  # length [bytes], CRC-32 of what follows
+_BLOCK_BEGINS = b"\n"  # with the turbine, its schema's first field
 
 
 class SpoolError(InputError):
@@ -56,6 +59,15 @@ class SpooledBlock:
     """Of its record in the file [bytes]."""
     sent: float | None = None
     """When it was sent last [s, monotonic]; None: by an earlier process, if at all."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """A record of a file, or what is between two of them."""
+
+    begin: int
+    end: int
+    payload: bytes | None  # None: it is no record whose checksum holds
 
 
 class Spool:
@@ -81,12 +93,13 @@ class Spool:
         self.dropped = 0
         """Blocks that had to go without an acknowledgement."""
         self.damaged = 0
-        """Records that could not be read."""
+        """Records that could not be read; where their lengths are damaged, by their size."""
         self._most_bytes = most_megabytes * 1e6
         self._waiting: dict[SpooledBlock, None] = {}  # in the order of writing
         self._by_number: dict[SessionKey, dict[int, list[SpooledBlock]]] = {}
         self._counts: dict[int, int] = {}  # file → its blocks that wait
         self._sizes: dict[int, int] = {}  # file → [bytes]
+        self._unreadable: set[int] = set()  # files that are kept aside
         self._acknowledged: dict[SessionKey, RecordedUntil] = {}
         self._file: FileIO | None = None  # in writing
         self.is_synced = True
@@ -98,7 +111,8 @@ class Spool:
                 self._load(number, path)
         except OSError as error:
             raise SpoolError(f"--spool {folder}: {error.strerror}; a folder is needed") from error
-        self._number = max(self._sizes, default=0)
+        aside = [number for number, _ in _files(folder, "unreadable")]
+        self._number = max([*self._sizes, *aside], default=0)
 
     def __len__(self) -> int:
         """Blocks that are not acknowledged."""
@@ -182,6 +196,8 @@ class Spool:
                 payload = _payload_at(file, spooled.offset)
             if payload is not None:
                 return decode(AccelerationBlock, payload)
+            path, offset = self._path(spooled.file), spooled.offset
+            logger.warning("%s, byte %d: its checksum does not hold", path, offset)
         except (OSError, CodecError) as error:
             logger.warning("%s: %s", self._path(spooled.file), error)
         self.damaged += 1
@@ -246,23 +262,41 @@ class Spool:
 
     def _load(self, number: int, path: Path) -> None:
         """What an earlier process left in a file."""
-        with path.open("rb") as file:
-            if file.read(len(FILE_HEAD)) == FILE_HEAD:
-                for offset, payload in _records(file):
-                    self._take_over(number, offset, payload)
-            size = path.stat().st_size
-            self.damaged += file.tell() < size  # cut off while it was written
-        self._sizes[number] = size
+        content = path.read_bytes()
+        if not FILE_HEAD.startswith(content[: len(FILE_HEAD)].rstrip(b"\0")):
+            logger.warning("%s: its head is damaged, or another version's", path)
+            self._unreadable.add(number)
+        pieces = list(_pieces(content))
+        sizes = [each.end - each.begin for each in pieces if each.payload is not None]
+        usual = sum(sizes) / len(sizes) if sizes else len(content)
+        for piece in pieces:
+            if piece.payload is None:
+                self._count_damaged(number, piece, max(1, round((piece.end - piece.begin) / usual)))
+                if piece.end == len(content) and not _is_half_written(content, piece.begin):
+                    self._unreadable.add(number)
+            else:
+                self._take_over(number, piece.begin, piece.payload)
+        self._sizes[number] = len(content)
         self._counts.setdefault(number, 0)
         self._remove_if_done(number)
 
-    def _take_over(self, number: int, offset: int, payload: bytes | None) -> None:
+    def _count_damaged(self, number: int, piece: _Piece, n_records: int) -> None:
+        logger.warning(
+            "%s: bytes %d to %d have no whole record; that may be %d of them",
+            self._path(number),
+            piece.begin,
+            piece.end,
+            n_records,
+        )
+        self.damaged += n_records
+
+    def _take_over(self, number: int, offset: int, payload: bytes) -> None:
         try:
-            block = decode(AccelerationBlock, payload or b"")
+            block = decode(AccelerationBlock, payload)
         except CodecError as error:
-            why = "its checksum does not hold" if payload is None else error
-            logger.warning("%s, byte %d: %s", self._path(number), offset, why)
+            logger.warning("%s, byte %d: %s", self._path(number), offset, error)
             self.damaged += 1
+            self._unreadable.add(number)  # another version may read it
             return
         key = (block.turbine, block.unit, block.session)
         self._add(SpooledBlock(key, block.sequence, block.start_ns, number, offset))
@@ -299,9 +333,22 @@ class Spool:
         """Remove a file that nothing waits in, but for the one in writing."""
         in_writing = self._file is not None and number == self._number
         if self._counts.get(number, 1) == 0 and not in_writing:
+            if number in self._unreadable:
+                self._set_aside(number)
             self._path(number).unlink(missing_ok=True)
             del self._counts[number]
             del self._sizes[number]
+
+    def _set_aside(self, number: int) -> None:
+        """Rename a file that cannot be read in full; the oldest ones of its kind go."""
+        path = self._path(number)
+        aside = path.with_suffix(".unreadable")
+        with suppress(FileNotFoundError):
+            path.replace(aside)
+            logger.warning("%s cannot be read in full: it is kept as %s", path, aside.name)
+        for _, oldest in _files(self.folder, "unreadable")[:-MOST_ASIDE]:
+            logger.warning("%s is removed: %d newer ones are kept", oldest, MOST_ASIDE)
+            oldest.unlink(missing_ok=True)
 
 
 def default_folder(source: str, environment: Mapping[str, str]) -> Path:
@@ -342,8 +389,8 @@ def _locked(folder: Path) -> int:
     return descriptor
 
 
-def _files(folder: Path) -> list[tuple[int, Path]]:
-    numbered = [path for path in folder.glob("*.blocks") if path.stem.isdigit()]
+def _files(folder: Path, ending: str = "blocks") -> list[tuple[int, Path]]:
+    numbered = [path for path in folder.glob(f"*.{ending}") if path.stem.isdigit()]
     return sorted((int(path.stem), path) for path in numbered)
 
 
@@ -354,18 +401,45 @@ def _write_all(file: FileIO, content: bytes) -> None:
         rest = rest[file.write(rest) :]
 
 
-def _records(file: BinaryIO) -> Iterator[tuple[int, bytes | None]]:
-    """Offset and payload of every record up to what is no record at all, where the file is left;
-    no payload where its checksum does not hold."""
-    while True:
-        offset = file.tell()
-        head = file.read(_RECORD.size)
-        length, checksum = _RECORD.unpack(head.ljust(_RECORD.size, b"\0"))
-        payload = file.read(length) if 0 < length <= LARGEST_PAYLOAD else b""
-        if not payload or len(payload) < length:
-            file.seek(offset)
-            return
-        yield offset, payload if zlib.crc32(payload) == checksum else None
+def _pieces(content: bytes) -> Iterator[_Piece]:
+    """What a file has behind its head."""
+    at = len(FILE_HEAD)
+    while at < len(content):
+        begin, end = at, _end_of_record(content, at)
+        payload = None if end is None else content[begin + _RECORD.size : end]
+        at = _next_record(content, begin + 1) if end is None else end
+        yield _Piece(begin, at, payload)
+
+
+def _end_of_record(content: bytes, begin: int) -> int | None:
+    """None where no record begins whose checksum holds."""
+    start = begin + _RECORD.size
+    if start >= len(content):
+        return None
+    length, checksum = _RECORD.unpack_from(content, begin)
+    if not 0 < length <= min(LARGEST_PAYLOAD, len(content) - start):
+        return None
+    is_whole = zlib.crc32(memoryview(content)[start : start + length]) == checksum
+    return start + length if is_whole else None
+
+
+def _next_record(content: bytes, begin: int) -> int:
+    """Where the next record is whose checksum holds; else the end."""
+    found = content.find(_BLOCK_BEGINS, begin + _RECORD.size)
+    while found >= 0:
+        if _end_of_record(content, found - _RECORD.size) is not None:
+            return found - _RECORD.size
+        found = content.find(_BLOCK_BEGINS, found + 1)
+    return len(content)
+
+
+def _is_half_written(content: bytes, begin: int) -> bool:
+    """Whether a file's rest is what a power cut or a full disk leaves: less than its head claims,
+    or nothing but zeros."""
+    rest = len(content) - begin - _RECORD.size
+    if rest <= 0 or not content[begin:].strip(b"\0"):
+        return True
+    return rest < _RECORD.unpack_from(content, begin)[0] <= LARGEST_PAYLOAD
 
 
 def _payload_at(file: BinaryIO, offset: int) -> bytes | None:

@@ -3,6 +3,10 @@
 channel a  |▮▮▮▮▮▮▮▮▮▮▮▮|              an answer has HISTORY_VALUES of a channel at most
 channel b  |▮▮▮▮▮▮▮▮▮▮|
                      └ until here all are complete; the next page begins there
+channel c             ·····|▮▮▮              known until later: is asked from there
+
+A page is of the channels that are not known beyond its begin: one that was silent for a month is
+read over that month without the others. It ends where the next channel comes in.
 
 Source: OPC 10000-4 5.10.3 (HistoryRead), OPC 10000-11 6.4.3 (raw values).
 """
@@ -14,10 +18,12 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
+from sensors.acquisition.blocks import NANOSECONDS
 from sensors.feeds.opcua.values import moment_of, stamp_ns
 
 HISTORY_VALUES = 5000  # of a channel in one answer
 
+ALONG = 10 * NANOSECONDS  # of a channel, read twice rather than asked for by itself [ns]
 HISTORIAN_TRIES = 5  # until the present values are in the history
 HISTORIAN_PAUSE = 1.0  # between two of them [s]
 MICROSECOND = 1000  # the step of a stamp here [ns]
@@ -47,20 +53,26 @@ async def history(
     asyncua.ua.UaStatusCodeError
         If the server keeps no history.
     """
-    newest, patience = dict(known), HISTORIAN_TRIES
+    newest = dict(known)
     wanted = {name: stamp for name, value in present if (stamp := stamp_ns(value)) is not None}
-    while behind := [name for name, time_ns in wanted.items() if newest[name] < time_ns]:
-        begin_ns, end_ns = min(newest[each] for each in behind), max(wanted.values())
-        page = await _page(client, nodes, begin_ns + MICROSECOND, end_ns + MICROSECOND)
-        fresh = [each for each in page.values if (stamp_ns(each[1]) or 0) > newest[each[0]]]
-        for name, value in fresh:
-            newest[name] = max(newest[name], stamp_ns(value) or 0)
-        yield fresh
-        if page.is_last and not patience:
+    for attempt in range(HISTORIAN_TRIES + 1):
+        behind = [newest[name] for name, time_ns in wanted.items() if newest[name] < time_ns]
+        if not behind:
             return
-        if page.is_last:
-            patience -= 1
+        if attempt:
             await asyncio.sleep(HISTORIAN_PAUSE)
+        begin_ns, end_ns = min(behind), max(wanted.values())
+        while begin_ns < end_ns:
+            asked = {name: nodes[name] for name in nodes if newest[name] <= begin_ns + ALONG}
+            others = [newest[name] for name in nodes if name not in asked]
+            page = await _page(client, asked, begin_ns, min([*others, end_ns]))
+            fresh = [each for each in page.values if (stamp_ns(each[1]) or 0) > newest[each[0]]]
+            for name, value in fresh:
+                newest[name] = max(newest[name], stamp_ns(value) or 0)
+            yield fresh
+            if page.until_ns <= begin_ns:
+                break  # the server does not go by the times that it is asked for
+            begin_ns = page.until_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +80,14 @@ class HistoryPage:
     """One answer of a server's history."""
 
     values: list[NamedValue]
-    """Channels and values, up to where all channels are complete."""
-    is_last: bool
-    """Whether nothing follows."""
+    """Channels and values."""
+    until_ns: int
+    """Up to where all channels are complete [ns since 1970-01-01 UTC]."""
 
 
 async def _page(client: Any, nodes: Mapping[str, Any], begin_ns: int, end_ns: int) -> HistoryPage:
-    results = await _read(client, nodes, begin_ns, end_ns)
+    """Of what is later than `begin_ns`, up to `end_ns` or as far as an answer reaches."""
+    results = await _read(client, nodes, begin_ns + MICROSECOND, end_ns + MICROSECOND)
     found: list[tuple[int, NamedValue]] = []
     ends = []  # of channels that have more than an answer takes
     for name, result in zip(nodes, results, strict=True):
@@ -84,8 +97,8 @@ async def _page(client: Any, nodes: Mapping[str, Any], begin_ns: int, end_ns: in
         found += timed
         if timed and (result.ContinuationPoint or len(kept) >= HISTORY_VALUES):
             ends.append(timed[-1][0])
-    until_ns = min(ends, default=end_ns)
-    return HistoryPage([value for time_ns, value in found if time_ns <= until_ns], not ends)
+    until_ns = min([*ends, end_ns])
+    return HistoryPage([value for time_ns, value in found if time_ns <= until_ns], until_ns)
 
 
 async def _read(client: Any, nodes: Mapping[str, Any], begin_ns: int, end_ns: int) -> Sequence[Any]:

@@ -48,6 +48,7 @@ GOODBYE = 2.0  # for the answer to a session's end [s]
 PUBLISHING = 500.0  # how often the server sends what it has [ms]
 SESSION_KEPT = 60_000  # without this client, by the server [ms]
 SEAM = NANOSECONDS  # read again after a restart: what was published is left out by its time [ns]
+MOST_VALUES_WAITING = 200_000  # values of all variables, some 200 MB, while a history is read
 _USER_REFUSED = ("BadUserAccessDenied", "BadIdentityTokenRejected", "BadIdentityTokenInvalid")
 _FINAL = (  # answers that no second attempt changes
     "BadUserAccessDenied",
@@ -67,14 +68,25 @@ class DataChanges:
     ----------
     channels : mapping
         Channel of each node id.
+
+    Notes
+    -----
+    Where more than MOST_VALUES_WAITING wait it counts as ended: the next session reads what follows
+    from the server's history.
     """
 
     def __init__(self, channels: Mapping[Any, str]) -> None:
         self._channels = channels
         self._waiting: asyncio.Queue[NamedValue | None] = asyncio.Queue()
+        self._is_full = False
 
     def datachange_notification(self, node: Any, value: Any, change: Any) -> None:
         """Keep a value."""
+        if not self._is_full and self._waiting.qsize() >= MOST_VALUES_WAITING:
+            self._is_full = True
+            self._waiting.put_nowait(None)
+        if self._is_full:
+            return  # all that follow: later ones alone would be behind a gap
         self._waiting.put_nowait((self._channels[node.nodeid], change.monitored_item.Value))
 
     def status_change_notification(self, status: Any) -> None:
@@ -95,7 +107,8 @@ class DataChanges:
             taken.append(self._waiting.get_nowait())
         values = [each for each in taken if each is not None]
         if not values:
-            raise LinkError("the server ended it")
+            full = f"more than {MOST_VALUES_WAITING} values waited to be read"
+            raise LinkError(full if self._is_full else "the server ended it")
         if len(values) < len(taken):
             self._waiting.put_nowait(None)  # for the next call
         return values

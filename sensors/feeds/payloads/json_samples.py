@@ -24,6 +24,7 @@ from sensors.feeds.payloads.frame import HIGHEST_RATE, LOWEST_RATE
 from sensors.feeds.payloads.sequence_numbers import SenderNumbers
 from sensors.feeds.payloads.timestamps import moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
+from sensors.files.missing_values import is_missing
 
 LARGEST_JSON = 2**20  # [bytes]
 _TIMES = ("time", "timestamp", "t")
@@ -147,7 +148,7 @@ def _number(said: Mapping[str, Any], keys: tuple[str, ...]) -> float | int | Non
 def _column(name: str, value: Any) -> list[float]:
     values = value if isinstance(value, list) else [value]
     try:
-        column = [math.nan if each is None else float(each) for each in values]
+        column = [math.nan if is_missing(each) else float(each) for each in values]
     except (TypeError, ValueError, OverflowError) as error:
         raise MessageError(f"{name!r:.40} is {value!r:.40}, which is no number") from error
     return [each if math.isfinite(each) else math.nan for each in column]

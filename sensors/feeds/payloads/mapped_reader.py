@@ -19,10 +19,11 @@ from sensors.feeds.payloads.sequence_numbers import SenderNumbers
 from sensors.feeds.payloads.sparkplug import RebirthRequests, SparkplugDecoder
 from sensors.feeds.payloads.timestamps import LATEST_NS, moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
+from sensors.files.missing_values import is_missing
 
 MOST_SAMPLE_ROWS = 100_000  # of one message
 DEEPEST_PAYLOAD = 6  # levels of values in values
-_NO_NUMBER = frozenset({"", "nan", "inf", "-inf", "+inf", "null", "none"})  # as loggers write it
+_INFINITE = frozenset({"inf", "-inf", "+inf"})
 _WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
@@ -403,7 +404,7 @@ def number_in(content: Any) -> Any:
     if not isinstance(content, str):
         return content
     text = content.strip()
-    if text.lower() in _NO_NUMBER:
+    if is_missing(text) or text.lower() in _INFINITE:
         return math.nan
     if _WHOLE.fullmatch(text):
         return int(text)

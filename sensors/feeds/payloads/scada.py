@@ -19,6 +19,7 @@ from sensors.feeds.address import FeedAddress
 from sensors.feeds.payloads.json_samples import MessageError
 from sensors.feeds.payloads.timestamps import moment_ns
 from sensors.feeds.protocol import FeedCounts, FeedError
+from sensors.files.missing_values import is_missing
 
 REPORTED_STATES = ("parked", "idling", "start", "operating", "stop", "")
 LARGEST_FIGURE = 1e9  # of any figure, in whatever unit
@@ -84,7 +85,8 @@ class ScadaReader:
             raise MessageError(f"{self._time}: {error}") from error
         if not any(name in said for name in self.names[1:]):
             raise MessageError(f"none of {', '.join(self.names[1:])} in it")
-        state = str(said.get(self._state, "") or "").strip().lower()
+        written = said.get(self._state)
+        state = "" if not written or is_missing(written) else str(written).strip().lower()
         if state not in REPORTED_STATES:
             raise MessageError(f"{self._state} is {state!r:.20}; {', '.join(REPORTED_STATES[:-1])}")
         figures = {name: _figure(each, said) for name, each in self._figures.items()}
@@ -171,7 +173,7 @@ def _elevation(address: FeedAddress, option: str) -> float:
 
 def _figure(mapped: _Mapped, said: Mapping[str, Any]) -> float:
     written = said.get(mapped.name)
-    if written is None or (isinstance(written, str) and not written.strip()):
+    if is_missing(written):
         return math.nan
     try:
         value = float(written) * mapped.factor

@@ -17,10 +17,11 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import csv as arrow_csv
 
+from sensors.files.missing_values import MISSING
 from sensors.files.table import EVERYTHING, ChannelTable, FileError, Wanted
 from sensors.files.text.columns import convert_batches
 from sensors.files.text.decoding import UNREADABLE, open_arrow_stream
-from sensors.files.text.dialect import COMMENT, MISSING, TextHead, read_head
+from sensors.files.text.dialect import COMMENT, TextHead, read_head
 
 CHUNK_BYTES = 2**22  # of text that is read at a time
 

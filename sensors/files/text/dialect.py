@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from sensors.files.missing_values import is_missing
 from sensors.files.table import EVERYTHING, FileError, Wanted
 from sensors.files.text.column_titles import distinct, is_time_title, is_unit, split_unit
 from sensors.files.text.columns import (
@@ -34,14 +35,6 @@ Each = TypeVar("Each")
 
 BEGINNING = 2**18  # bytes that are looked at
 JUDGED = 60  # rows by which the columns are judged
-MISSING = frozenset(
-    {
-        *("", "-", "--", "---", "*", "nan", "-nan", "null", "none", "nil", "n/a", "na", "missing"),
-        *("invalid", "no data", "1.#qnan", "1.#ind", "-1.#ind"),  # the last three of Windows
-        *("#n/a", "#nv", "#na", "#num!", "#zahl!", "#div/0!", "#value!", "#wert!", "#null!"),
-        *("#ref!", "#bezug!"),  # of spreadsheets, English and German
-    }
-)
 # How a logger formed each value of a column, in a row below the units: Campbell's TOA5.
 STATISTICS = frozenset(
     {"smp", "avg", "max", "min", "std", "tot", "med", "mom", "tmx", "tmn", "wvc"}
@@ -173,7 +166,7 @@ class Form:
 
     def kind(self, cell: str) -> ColumnKind:
         """Return what a cell holds."""
-        if cell.strip().lower() in MISSING:
+        if is_missing(cell):
             return "empty"
         return "number" if self.is_number(cell) else kind_of_text(cell) or "text"
 

@@ -3,8 +3,10 @@
 import errno
 import os
 from io import FileIO
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pipeline.messages import BlockRange, RecordedUntil
@@ -108,7 +110,108 @@ def test_a_flipped_bit_costs_one_block_and_is_counted(tmp_path: Path) -> None:
     assert after.damaged == 1
 
 
-def test_a_record_that_is_damaged_later_is_let_go_of(tmp_path: Path) -> None:
+def ends_of_records(file: Path) -> list[int]:
+    """Where the head of a spool's file ends, and each of its records."""
+    content, ends = file.read_bytes(), [len(module.FILE_HEAD)]
+    while ends[-1] < len(content):
+        ends.append(ends[-1] + 8 + int.from_bytes(content[ends[-1] :][:4], "little"))
+    return ends
+
+
+@pytest.mark.parametrize("which", range(5))
+@pytest.mark.parametrize("length", [0, 1, 1000, 2**31])
+def test_behind_a_damaged_length_the_other_blocks_are_found(
+    which: int, length: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    filled(tmp_path, 5).close()
+    (file,) = tmp_path.glob("*.blocks")
+    begin, end = ends_of_records(file)[which : which + 2]
+    with file.open("r+b") as opened:
+        opened.seek(begin)
+        opened.write(length.to_bytes(4, "little"))
+    after = Spool(tmp_path)
+    assert waiting(after) == [each for each in range(5) if each != which]
+    assert after.damaged == 1
+    assert f"bytes {begin} to {end} " in caplog.text
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_damage_anywhere_costs_the_blocks_that_it_hit_and_these_are_counted(
+    seed: int, tmp_path: Path
+) -> None:
+    filled(tmp_path, 12).close()
+    (file,) = tmp_path.glob("*.blocks")
+    draw = np.random.default_rng(seed)
+    content, ends = bytearray(file.read_bytes()), ends_of_records(file)
+    begin, many = int(draw.integers(len(content))), int(draw.integers(1, 3000))
+    before = bytes(content)
+    content[begin : begin + many] = draw.bytes(len(content[begin : begin + many]))
+    file.write_bytes(content)
+    spans = list(pairwise(ends))
+    whole = [i for i, (a, b) in enumerate(spans) if content[a:b] == before[a:b]]
+    after = Spool(tmp_path)
+    assert waiting(after) == whole
+    assert after.damaged == 12 - len(whole) or (not whole and after.damaged)
+    after.acknowledge(recorded((0, 12)))
+    assert len(after) == 0
+
+
+@pytest.mark.parametrize("name", [b"pilewatch spool 2\n", bytes(18)])
+def test_a_file_with_a_damaged_head_gives_its_blocks(name: bytes, tmp_path: Path) -> None:
+    filled(tmp_path, 3).close()
+    (file,) = tmp_path.glob("*.blocks")
+    file.write_bytes(name + file.read_bytes()[len(name) :])
+    assert waiting(Spool(tmp_path)) == [0, 1, 2]
+
+
+def test_what_cannot_be_read_at_all_is_kept_aside_and_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    filled(tmp_path, 3).close()
+    (file,) = tmp_path.glob("*.blocks")
+    begin = ends_of_records(file)[1]
+    content = bytearray(file.read_bytes())
+    for at in range(begin, len(content), 50):
+        content[at] ^= 255
+    file.write_bytes(content)
+    spool = Spool(tmp_path)
+    assert (waiting(spool), spool.damaged) == ([0], 2)
+    spool.append(block(3), encode(block(3)), 0.0)
+    spool.acknowledge(recorded((0, 4)))
+    spool.close()
+    (aside,) = tmp_path.glob("*.unreadable")
+    assert aside.read_bytes() == content
+    assert f"kept as {aside.name}" in caplog.text
+    again = filled(tmp_path, 1)  # and its number is not used again
+    assert [int(each.stem) for each in tmp_path.glob("*.blocks")] == [int(aside.stem) + 1]
+    assert again.damaged == 0
+    again.close()
+
+
+def test_a_block_of_another_version_is_kept_aside(tmp_path: Path) -> None:
+    spool = Spool(tmp_path)
+    spool.append(block(0), b"\nwhat a later version writes", 0.0)
+    spool.close()
+    after = Spool(tmp_path)
+    assert (len(after), after.damaged, len(list(tmp_path.glob("*.unreadable")))) == (0, 1, 1)
+
+
+def test_files_that_are_kept_aside_have_a_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "FILE_BYTES", 1)
+    spool = Spool(tmp_path)
+    for number in range(module.MOST_ASIDE + 5):
+        spool.append(block(number), b"\nwhat a later version writes", 0.0)
+    spool.close()
+    Spool(tmp_path).close()
+    numbers = sorted(int(each.stem) for each in tmp_path.glob("*.unreadable"))
+    assert numbers == list(range(6, module.MOST_ASIDE + 6))
+
+
+def test_a_record_that_is_damaged_later_is_let_go_of(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     spool = filled(tmp_path, 3)
     spool.sync()
     (file,) = tmp_path.glob("*.blocks")
@@ -119,6 +222,7 @@ def test_a_record_that_is_damaged_later_is_let_go_of(tmp_path: Path) -> None:
     *_, last = spool.waiting()
     assert spool.read(last) is None
     assert (spool.damaged, waiting(spool)) == (1, [0, 1])
+    assert "its checksum does not hold" in caplog.text
 
 
 def test_the_oldest_go_where_the_spool_is_full(

@@ -1,5 +1,6 @@
 """A table of the controller that grows, is rotated, and is at times wrong."""
 
+import math
 import threading
 from pathlib import Path
 
@@ -53,6 +54,20 @@ def test_all_rows_are_given_from_the_start_if_wanted(tmp_path: Path) -> None:
     path.write_text(HEADER + row(0) + row(1))
     live = tail(path, "?from=start")
     assert winds([*measured_until(live, lambda: live.counts.received == 2)]) == [0.5, 1.5]
+
+
+def test_a_placeholder_costs_its_own_figure(tmp_path: Path) -> None:
+    path = tmp_path / "scada.csv"
+    path.write_text(f"{HEADER}{START},n/a,0.0,parked\n{START + 10},9.5,NULL,-\n")
+    live = tail(path, "?from=start")
+    first, second = measured_until(live, lambda: live.counts.received == 2)
+    assert isinstance(first, ScadaSample)
+    assert isinstance(second, ScadaSample)
+    assert math.isnan(first.wind_speed)
+    assert math.isnan(second.rotor_speed)
+    assert (first.rotor_speed, first.state) == (0.0, "parked")
+    assert (second.wind_speed, second.state) == (9.5, "")
+    assert live.counts.malformed == 0
 
 
 def test_a_level_above_a_chart_datum_is_given_above_the_mean(tmp_path: Path) -> None:

@@ -37,6 +37,12 @@ def test_a_number_written_as_text_is_a_sample_of_a_channel_that_the_layout_lists
         read({"time": 1_700_000_000, "ax": "0,5"})
 
 
+def test_a_placeholder_is_a_missing_sample_of_its_channel_alone() -> None:
+    (piece,) = read({"time": 1_700_000_000, "ax": "N/A", "ay": -1})
+    assert piece.names == ("ax", "ay")
+    np.testing.assert_array_equal(piece.samples, [[np.nan, -1.0]])
+
+
 def test_several_samples_at_a_rate() -> None:
     (piece,) = read(
         {"t": 1_700_000_000, "rate": 40, "values": {"ax": [1, 2, 3], "ay": [4, None, 6]}}

@@ -293,6 +293,7 @@ def test_numbers_written_as_text_are_samples_of_the_channels_that_a_layout_lists
     list(reader.read(encoded({"ts": time_ms(2), "values": {"ax": True, "ay": 0.1}}), "v1/t"))
     assert (counts.malformed, counts.refusal) == (2, "v1/t: ax is True, which is no number")
     list(reader.read(encoded({"ts": time_ms(3), "values": {"ax": "NAN", "ay": "", "b": "x"}}), "t"))
+    list(reader.read(encoded({"ts": time_ms(4), "values": {"ax": "n/a", "ay": "--"}}), "t"))
     assert counts.malformed == 2  # no sample was taken
 
 

@@ -105,6 +105,15 @@ def test_a_figure_beyond_all_reason_or_empty_is_unknown(written: object, known: 
     assert math.isnan(READER.sample(SAID | {"P_kW": written}).power) is not known
 
 
+@pytest.mark.parametrize("word", ["n/a", "NULL", "-", "--", "#N/A", " None ", "missing", "1.#QNAN"])
+def test_a_placeholder_is_an_unknown_figure_or_state_and_the_others_are_known(word: str) -> None:
+    sample = READER.sample(SAID | {"P_kW": word})
+    assert math.isnan(sample.power)
+    assert (sample.state, sample.wind_speed, sample.yaw) == ("parked", 9.5, -90.0)
+    sample = READER.sample(SAID | {"state": word})
+    assert (sample.state, sample.wind_speed) == ("", 9.5)
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
