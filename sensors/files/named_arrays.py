@@ -232,9 +232,14 @@ def _find_time(stamps: list[NamedArray], array: NamedArray) -> NamedArray | None
     fitting = [
         each
         for each in stamps
-        if len(each.values) == len(array.values) and f"{array.group}/".startswith(each.group)
+        if len(each.values) == len(array.values) and _is_around(each.group, array.group)
     ]
     return max(fitting, key=lambda each: each.name.count("/"), default=None)
+
+
+def _is_around(outer: str, group: str) -> bool:
+    """Whether a group is another one, or in it; run1 is not around run10."""
+    return not outer or f"{group}/".startswith(f"{outer}/")
 
 
 def _seconds(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | None]:

@@ -16,7 +16,7 @@ from scipy.io import savemat
 
 from sensors.files.formats import read_file
 from sensors.files.named_arrays import _find_names
-from sensors.files.table import FileError
+from sensors.files.table import FileError, Wanted
 
 RATE = 50.0  # [Hz]
 START = np.datetime64("2024-03-13T12:00:00.250", "ns")
@@ -100,6 +100,52 @@ def test_notes_that_make_no_sense_are_one_line(tmp_path: Path, arrays: Notes, me
     with pytest.raises(FileError, match=message) as error:
         read_file(npz(tmp_path, acc=SAMPLES, **arrays))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("kind", ["h5", "mat", "tdms"])
+def test_a_time_holds_for_its_own_group_and_none_whose_name_begins_alike(
+    tmp_path: Path, kind: str
+) -> None:
+    groups = {"T1": 40.0, "T10": 20.0, "T2": 40.0}
+    content = {
+        group: {"time": START_NS / 1e9 + 3600 * i + np.arange(60) / rate, f"acc_{group}": each}
+        for i, ((group, rate), each) in enumerate(
+            zip(groups.items(), np.column_stack([SAMPLES, SAMPLES[:, 1]]).T, strict=True)
+        )
+    }
+    path = tmp_path / f"a.{kind}"
+    if kind == "mat":
+        savemat(path, content)
+    elif kind == "tdms":
+        with TdmsWriter(path) as writer:
+            writer.write_segment(
+                [
+                    ChannelObject(group, name, np.ascontiguousarray(values))
+                    for group, inside in content.items()
+                    for name, values in inside.items()
+                ]
+            )
+    else:
+        with h5py.File(path, "w") as file:
+            for group, inside in content.items():
+                for name, values in inside.items():
+                    file[f"{group}/{name}"] = values
+    for i, (group, rate) in enumerate(groups.items()):
+        table = read_file(path, None, Wanted(frozenset({f"acc_{group}"})))
+        assert table.sampling_rate == pytest.approx(rate, rel=1e-5)
+        assert abs(table.start_ns - START_NS - i * 3600 * 10**9) < 1000
+
+
+def test_a_time_holds_for_the_groups_inside_its_own(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file["run1/time"] = SECONDS
+        file["run1/tower/acc"], file["run10/tower/acc10"] = SAMPLES.T
+
+    path = hdf5(tmp_path, fill)
+    inside = read_file(path, None, Wanted(frozenset({"acc"})))
+    outside = read_file(path, None, Wanted(frozenset({"acc10"})))
+    assert inside.sampling_rate == pytest.approx(RATE)
+    assert outside.sampling_rate is None
 
 
 def test_a_single_array_is_read_and_an_object_is_not(tmp_path: Path) -> None:
