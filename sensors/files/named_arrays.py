@@ -3,7 +3,8 @@
 None of these formats defines how a measurement is stored in it. This is what is understood:
 
 - every series of numbers is a channel, every column of a matrix too, every field of a table; of
-  several lengths, the most samples are the measurement;
+  several lengths, the most samples are the measurement, or the accelerations where none is among
+  those and they last as long; the others are read where they are wanted by name;
 - a matrix has as many samples as there are times, else channels as there are names, else its
   longer side is the samples;
 - a series called `t`, `time` or `timestamp` (or a word like it) is the time, see `clock`;
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.files.sep005 import Sep005Channel, timestamp_ns
-from sensors.files.table import FileError
+from sensors.files.table import FileError, in_standard_unit, quantity_named, quantity_of
 from sensors.files.text.column_titles import is_time_title, split_unit, time_unit
 from sensors.files.text.columns import log_once
 from sensors.files.text.time_column import (
@@ -44,6 +45,7 @@ OFFSET = ("wf_start_offset",)  # of the first sample behind `START` [s]
 UNIT_NOTES = ("unit_str", "unit_string", "unit", "units")
 NAME_NOTES = ("names", "channel_names", "channels", "columns", "labels", "channel_labels",
               "channelnames", "chan_names", "sensor_names", "sensors")  # fmt: skip
+LASTING = 0.5  # of the longest series: accelerations that last as long are the measurement [-]
 NEARLY = 0.99  # channels of one rate that are so much alike in length belong together
 
 _FREQUENCY = {"hz": 1.0, "khz": 1e3, "s/s": 1.0, "sps": 1.0, "1/s": 1.0, "": 1.0}
@@ -98,19 +100,90 @@ def find_channels(arrays: list[NamedArray], path: Path) -> list[Sep005Channel]:
     longest = max((len(each.values) for each in series), default=0)
     if longest < 2:
         raise FileError(f"{path}: there is no series of numbers in it, that is no channel")
-    kept = [each for each in series if _belongs(each, longest, stamps, path)]
-    ignored = odd + [each.name for each in series if not any(each is one for one in kept)]
-    if ignored:
-        log_once(
-            f"{path}: {', '.join(ignored)} not read: shorter than the others, or no series of "
-            "real numbers"
-        )
+    kept = _measurement(series, stamps, path)
     short = len({each.title for each in kept}) == len(kept)
-    return [
+    channels = [
         channel
         for each in kept
         for channel in _channels(each, each.title if short else each.name, stamps, path)
     ]
+    for each in series:
+        if any(each is one for one in kept):
+            continue
+        beside = _channels_beside(each, {one["name"] for one in channels}, stamps, path)
+        channels += beside
+        if not beside:
+            odd.append(each.name)
+    if odd:
+        log_once(f"{path}: {', '.join(odd)} not read: no series of real numbers in time")
+    return channels
+
+
+def _measurement(
+    series: list[NamedArray], stamps: list[NamedArray], path: Path
+) -> list[NamedArray]:
+    """Return the series that are read where none is wanted by name."""
+
+    def alike(length: int) -> list[NamedArray]:
+        return [each for each in series if _belongs(each, length, stamps, path)]
+
+    longest = alike(max(len(each.values) for each in series))
+    parts = [_probable_channels(each, stamps, path) for each in longest]
+    lasts = max(_duration(channels) for channels in parts)
+    if not lasts or any(map(_has_acceleration, parts)):
+        return longest
+    others = [(each, _probable_channels(each, stamps, path)) for each in series]
+    lengths = [
+        len(each.values)
+        for each, channels in others
+        if _has_acceleration(channels) and _duration(channels) >= LASTING * lasts
+    ]
+    return alike(max(lengths)) if lengths else longest
+
+
+def _probable_channels(
+    array: NamedArray, stamps: list[NamedArray], path: Path, name: str = ""
+) -> list[Sep005Channel]:
+    """Return the channels of an array that may be none; [] where the notes do not fit it."""
+    if len(array.values) < 2:
+        return []
+    try:
+        return list(_channels(array, name or array.name, stamps, path))
+    except FileError:
+        return []
+
+
+def _has_acceleration(channels: list[Sep005Channel]) -> bool:
+    return any(
+        each.get("quantity") == "a"
+        or quantity_of(in_standard_unit(each["unit_str"])[0]) == "acceleration"
+        or quantity_named(each["name"]) == "acceleration"
+        for each in channels
+    )
+
+
+def _duration(channels: list[Sep005Channel]) -> float:
+    """Return how long the channels of one array were measured [s]; 0: unknown."""
+    for each in channels[:1]:
+        if (times := each.get("time")) is not None:
+            return float(times[-1] - times[0])
+        if rate := each.get("fs"):
+            return len(each["data"]) / rate
+    return 0.0
+
+
+def _channels_beside(
+    array: NamedArray, taken: set[str], stamps: list[NamedArray], path: Path
+) -> list[Sep005Channel]:
+    """Return the channels of an array beside the measurement, by names that are not `taken`."""
+    channels = _probable_channels(array, stamps, path, array.title)
+    if taken.intersection(each["name"] for each in channels):
+        channels = _probable_channels(array, stamps, path)
+    for each in channels:
+        if each["name"] in taken:  # of a matrix's columns
+            each["name"] = f"{array.name}/{each['name']}"
+        each["aside"] = True
+    return channels
 
 
 def _simple(array: NamedArray) -> Iterator[NamedArray]:
@@ -148,7 +221,8 @@ def _belongs(array: NamedArray, longest: int, stamps: list[NamedArray], path: Pa
     if length == longest:
         return True
     timed = _find_time(stamps, array) is not None
-    return length >= NEARLY * longest and not timed and _rate(array, path) is not None
+    nearly = NEARLY * longest <= length < longest
+    return nearly and not timed and _rate(array, path) is not None
 
 
 def _channels(

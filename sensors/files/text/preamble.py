@@ -186,8 +186,8 @@ def _hertz(unit: str) -> float | None:
     samples, slash, time = unit.partition("/")
     if slash and known_unit(time) in ("s", "sec") and not samples.startswith(("ms", "gs")):
         return 1000.0 if samples in ("ks", "ksa", "ksamples") else 1.0
-    other = unit.endswith("hz") or known_unit(time if slash else unit)
-    other = other or plain_unit(unit) in _OF_FULL_SCALE
+    of_time = known_unit(time if slash else unit)
+    other = unit.endswith("hz") or of_time or plain_unit(unit) in _OF_FULL_SCALE
     return _HERTZ.get(unit, nan if other else None)
 
 

@@ -1,5 +1,6 @@
 """Arrays with notes as programs leave them: odd shapes, odd clocks, counts with a scale."""
 
+import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ from nptdms import ChannelObject, TdmsWriter
 from pyarrow import parquet
 from scipy.io import savemat
 
-from sensors.files.formats import read_file
+from sensors.files.formats import channels_in, read_file
 from sensors.files.named_arrays import _find_names
 from sensors.files.table import FileError, Wanted
 
@@ -134,6 +135,74 @@ def test_a_time_holds_for_its_own_group_and_none_whose_name_begins_alike(
         table = read_file(path, None, Wanted(frozenset({f"acc_{group}"})))
         assert table.sampling_rate == pytest.approx(rate, rel=1e-5)
         assert abs(table.start_ns - START_NS - i * 3600 * 10**9) < 1000
+
+
+def slow_and_fast(folder: Path, unit: str = "g") -> Path:
+    """Accelerations at 50 Hz beside a strain at 500 Hz, over the same time."""
+    slow, fast = {"wf_increment": 1 / RATE, "unit_string": unit}, {"wf_increment": 0.1 / RATE}
+    with TdmsWriter(folder / "a.tdms") as writer:
+        writer.write_segment(
+            [
+                ChannelObject("strain", "s1", np.repeat(SAMPLES[:, 1], 10), properties=fast),
+                ChannelObject("tower", "z1", np.ascontiguousarray(SAMPLES[:, 0]), properties=slow),
+                ChannelObject("tower", "mode", np.arange(7.0)),
+            ]
+        )
+    return folder / "a.tdms"
+
+
+def test_channels_of_another_rate_are_read_where_they_are_wanted_by_name(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = slow_and_fast(tmp_path)
+    for name, rate in (("z1", RATE), ("s1", 10 * RATE)):
+        table = read_file(path, None, Wanted(frozenset({name})))
+        assert (table.names, table.sampling_rate) == ((name,), pytest.approx(rate))
+    assert not caplog.records
+    with pytest.raises(FileError, match="differ in sampling rate"):
+        read_file(path, None, Wanted(frozenset({"z1", "s1"})))
+
+
+@pytest.mark.parametrize(("unit", "read", "left"), [("g", "z1", "s1"), ("V", "s1", "z1")])
+def test_accelerations_are_the_measurement_else_the_longest_and_the_others_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, unit: str, read: str, left: str
+) -> None:
+    path = slow_and_fast(tmp_path, unit)
+    assert read_file(path).names == channels_in(path).names == (read,)
+    assert re.search(rf"{left}, mode|mode, {left}", caplog.text)
+    assert "--layout" in caplog.text
+
+
+def test_accelerations_that_last_a_moment_are_not_the_measurement(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file.attrs["fs"] = RATE
+        file["top"], file["mid"] = SAMPLES.T
+        file["pulse/acc"] = SAMPLES[:20, 0]
+
+    assert set(read_file(hdf5(tmp_path, fill)).names) == {"top", "mid"}
+
+
+def test_names_of_the_measurement_are_as_if_there_were_nothing_beside_it(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file["mean/x"], file["mean/pair"] = SAMPLES[::10, 0], SAMPLES[::10]
+        file["raw/x"], file["raw/y"], file["raw/pair"] = *SAMPLES.T, SAMPLES
+        for each in ("mean", "raw"):
+            file[each].attrs["fs"] = RATE if each == "raw" else RATE / 10
+            file[f"{each}/pair"].attrs["names"] = ["a", "b"]
+
+    path = hdf5(tmp_path, fill)
+    assert read_file(path).names == ("a", "b", "x", "y")
+    slow = frozenset({"mean/x", "mean/pair/a", "mean/pair/b"})
+    table = read_file(path, None, Wanted(slow))
+    assert (frozenset(table.names), table.sampling_rate) == (slow, RATE / 10)
+
+
+def test_notes_that_do_not_fit_what_is_beside_the_measurement_stop_nothing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = npz(tmp_path, acc=SAMPLES, names=["a", "b"], fs=RATE, gains=np.eye(5)[:, :3])
+    assert read_file(path).names == ("a", "b")
+    assert "gains not read" in caplog.text
 
 
 def test_a_time_holds_for_the_groups_inside_its_own(tmp_path: Path) -> None:
