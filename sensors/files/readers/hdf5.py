@@ -118,11 +118,23 @@ def _in_units(values: NDArray[Any], notes: dict[str, Any], place: str) -> NDArra
     scale, shift, fill = (_factor(notes, names, place) for names in (SCALE_NOTES, SHIFT, FILL))
     if scale is None and fill is None and "add_offset" not in notes:
         return values
+    fill = None if fill is None else _as_stored(fill, values.dtype)
     missing = values == fill if fill is not None else np.zeros(values.shape, dtype=bool)
     inside = values * (1.0 if scale is None else scale)
     if scale is not None or "add_offset" in notes:
         inside = inside + (0.0 if shift is None else shift)
     return np.where(missing, np.nan, inside) if missing.any() else np.asarray(inside)
+
+
+def _as_stored(fill: Any, dtype: np.dtype[Any]) -> Any:
+    """Return a fill value as values of a type hold it: -999.9 in single precision is another
+    number than in double, and -1 in 16 bits is 65535 where they are unsigned."""
+    if dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            stored = dtype.type(fill)
+        return stored if np.isfinite(stored) else fill
+    same_bits = fill.dtype.kind in "iu" and fill.dtype.itemsize == dtype.itemsize
+    return fill.astype(dtype) if same_bits else fill
 
 
 def _factor(notes: dict[str, Any], names: tuple[str, ...], place: str) -> Any:

@@ -240,6 +240,48 @@ def test_counts_are_scaled_and_fill_values_are_nothing(tmp_path: Path) -> None:
     np.testing.assert_allclose(table.samples[kept], (COUNTS * 1e-3 + 2.0)[kept], atol=1e-12)
 
 
+@pytest.mark.parametrize("key", ["_FillValue", "missing_value"])
+@pytest.mark.parametrize("fill_value", [-999.9, np.float32(-999.9), np.array([-999.9]), np.nan])
+def test_a_fill_value_of_another_type_is_nothing_too(
+    tmp_path: Path, key: str, fill_value: float
+) -> None:
+    def fill(file: h5py.File) -> None:
+        values = SAMPLES.astype(np.float32)
+        values[5:7, 1] = np.float32(-999.9)
+        file["acc"] = values if np.isfinite(fill_value).all() else SAMPLES
+        file["acc"].attrs[key] = fill_value
+
+    missing = np.argwhere(np.isnan(read_file(hdf5(tmp_path, fill)).samples)).tolist()
+    assert missing == ([[5, 1], [6, 1]] if np.isfinite(fill_value).all() else [])
+
+
+@pytest.mark.parametrize(
+    ("fill_value", "missing"), [(-32768.0, [[5, 1]]), (32768, []), (-32768.5, []), (np.nan, [])]
+)
+def test_a_fill_value_that_counts_cannot_have_is_in_none(
+    tmp_path: Path, fill_value: float, missing: list[list[int]]
+) -> None:
+    def fill(file: h5py.File) -> None:
+        counts = COUNTS.copy()
+        counts[5, 1] = -32768
+        file["acc"] = counts
+        file["acc"].attrs["_FillValue"] = fill_value
+
+    table = read_file(hdf5(tmp_path, fill))
+    assert np.argwhere(np.isnan(table.samples)).tolist() == missing
+
+
+def test_a_fill_value_of_unsigned_counts_is_the_same_bits(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        counts = (COUNTS.astype(np.int32) + 32_000).astype(">u2")
+        counts[5, 1] = 65_535
+        file["acc"] = counts
+        file["acc"].attrs["_FillValue"] = np.int16(-1)
+
+    table = read_file(hdf5(tmp_path, fill))
+    assert np.argwhere(np.isnan(table.samples)).tolist() == [[5, 1]]
+
+
 def test_datasets_of_one_value_are_notes_wherever_they_stand(tmp_path: Path) -> None:
     def fill(file: h5py.File) -> None:
         file["acc"] = SAMPLES.T
