@@ -9,6 +9,7 @@ None of these formats defines how a measurement is stored in it. This is what is
   longer side is the samples;
 - a series called `t`, `time` or `timestamp` (or a word like it) is the time, see `clock`;
 - a series that rises evenly under another name is a clock or a counter, no channel;
+- texts of a group called `units` that have the names of arrays are the units of these;
 - notes, which are scalars or texts of the file, or attributes of a group or of an array, state the
   rest under one of the names below. What is nearest to the array holds.
 """
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 
 from sensors.files.sep005 import Sep005Channel, timestamp_ns
 from sensors.files.table import FileError, in_standard_unit, quantity_named, quantity_of
-from sensors.files.text.column_titles import is_time_title, split_unit, time_unit
+from sensors.files.text.column_titles import is_time_title, is_unit, split_unit, time_unit
 from sensors.files.text.columns import log_once
 from sensors.files.text.time_column import (
     ClockError,
@@ -382,7 +383,31 @@ def _start(notes: Notes, path: Path) -> str | None:
 def _find_note(notes: Notes, names: tuple[str, ...]) -> Any:
     """Return the first of these notes that there is, as a Python value."""
     plain = {key.lower().replace(" ", "_").replace("-", "_"): each for key, each in notes.items()}
-    value = next((plain[name] for name in names if name in plain), None)
+    return _python_value(next((plain[name] for name in names if name in plain), None))
+
+
+def units_apart(headers: Mapping[str, Notes]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the notes of groups that hold nothing else, and the units of arrays by their names.
+
+    Parameters
+    ----------
+    headers : mapping
+        Notes of each group by its name: of one called `units`, texts are units.
+    """
+    notes: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    for group, inside in headers.items():
+        values = {name: _python_value(each) for name, each in inside.items()}
+        own = {name: each for name, each in values.items() if isinstance(each, str)}
+        if group.lower() not in UNIT_NOTES:
+            own = {}
+        units |= own
+        notes |= {n: each for n, each in inside.items() if n not in own or not is_unit(own[n])}
+    return notes, units
+
+
+def _python_value(value: Any) -> Any:
+    """Return a note as Python has it; an array of several values stays one."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.reshape(-1)[0]
     if isinstance(value, bytes):

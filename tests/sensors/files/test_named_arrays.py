@@ -294,6 +294,57 @@ def test_datasets_of_one_value_are_notes_wherever_they_stand(tmp_path: Path) -> 
     np.testing.assert_array_equal(table.samples, SAMPLES)
 
 
+def test_a_dataset_that_shares_its_name_with_a_note_is_a_channel(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file.attrs.update(time="local", acc_y="broken", fs=RATE / 2)
+        file["acc_x"], file["acc_y"] = SAMPLES.T
+        file["time"] = SECONDS
+        file["info/acc_x"] = "the first one"
+        file["inner/fs"], file["inner/acc_x"] = np.array([RATE]), SAMPLES[:, 0]
+
+    table = read_file(hdf5(tmp_path, fill))
+    assert set(table.names) == {"acc_x", "acc_y", "inner/acc_x"}
+    assert table.sampling_rate == pytest.approx(RATE)
+
+
+@pytest.mark.parametrize("kind", ["h5", "h5 attributes", "mat"])
+def test_units_in_a_group_of_their_own_are_those_of_the_arrays_by_name(
+    tmp_path: Path, kind: str
+) -> None:
+    units = {"acc_x": "g", "acc_y": "mm/s2", "t": "ms", "fs": "Hz"}
+    arrays = {"acc_x": SAMPLES[:, 0], "acc_y": SAMPLES[:, 1], "temp": SAMPLES[:, 0]}
+    path = tmp_path / f"a.{kind[:3].strip()}"
+    if kind == "mat":
+        savemat(path, {"run": arrays | {"t": np.arange(60) * 20}, "units": units})
+    else:
+        with h5py.File(path, "w") as file:
+            for name, each in (arrays | {"t": np.arange(60) * 20}).items():
+                file[f"run/{name}"] = each
+            file.create_group("units")
+            for name, unit in units.items():
+                if kind == "h5":
+                    file[f"units/{name}"] = unit
+                else:
+                    file["units"].attrs[name] = unit
+    table = read_file(path)
+    found = dict(zip(table.names, table.units, strict=True))
+    assert found == {"acc_x": "m/s²", "acc_y": "m/s²", "temp": ""}
+    assert table.sampling_rate == pytest.approx(RATE)
+    factors = {"acc_x": 9.80665, "acc_y": 1e-3, "temp": 1.0}
+    for name, samples in zip(table.names, table.samples.T, strict=True):
+        np.testing.assert_allclose(samples, arrays[name] * factors[name])
+
+
+def test_a_unit_of_its_own_goes_before_one_in_a_group_of_units(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file.attrs["fs"] = RATE
+        file["acc"] = SAMPLES[:, 0]
+        file["acc"].attrs["units"] = "mm/s2"
+        file["units/acc"] = "g"
+
+    np.testing.assert_allclose(read_file(hdf5(tmp_path, fill)).samples[:, 0], 1e-3 * SAMPLES[:, 0])
+
+
 def test_the_unit_of_a_time_says_since_when(tmp_path: Path) -> None:
     def fill(file: h5py.File) -> None:
         file["acc"] = SAMPLES
