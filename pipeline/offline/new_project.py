@@ -177,7 +177,7 @@ def start_project(
         places = guessed_layout(table, str(files[0]), turbine=turbine, time=time, place=place)
     else:
         stated = load_layout(layout)
-        own = replace(everything, time=stated.time)
+        own = replace(stated.wanted(), rate_known=everything.rate_known)
         table = channels_in(files[0], None, dated(own, time))
         places = stated_layout(layout, stated, table, name=name)
     if structure != NO_STRUCTURE:

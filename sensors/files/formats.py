@@ -133,7 +133,7 @@ def channels_in(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHI
         "package.module:function" that gives SEP005 channels; None: the one of its suffix
         (`read_chunks`).
     wanted : Wanted, optional
-        What of it is read; everything by default.
+        What of it is read; everything by default. Its names leave out no channel.
 
     Raises
     ------
@@ -146,11 +146,12 @@ def channels_in(path: Path, reader: str | None = None, wanted: Wanted = EVERYTHI
     """
     channels = _channels(path, reader)
     if channels is None:
+        wanted = replace(wanted, names=frozenset())
         first = next(read_chunks(path, reader, wanted), None)
         if first is None:
             raise FileError(f"{path}: 0 samples; at least two are needed")
         return replace(first, samples=first.samples[:0], times=None)
-    return list_channels(channels, path)
+    return list_channels(channels, path, wanted)
 
 
 def constant_channels(

@@ -3,11 +3,13 @@
 None of these formats defines how a measurement is stored in it. This is what is understood:
 
 - every series of numbers is a channel, every column of a matrix too, every field of a table; of
-  several lengths, the most samples are the measurement;
+  several lengths, the most samples are the measurement, or the accelerations where none is among
+  those and they last as long; the others are read where they are wanted by name;
 - a matrix has as many samples as there are times, else channels as there are names, else its
   longer side is the samples;
 - a series called `t`, `time` or `timestamp` (or a word like it) is the time, see `clock`;
 - a series that rises evenly under another name is a clock or a counter, no channel;
+- texts of a group called `units` that have the names of arrays are the units of these;
 - notes, which are scalars or texts of the file, or attributes of a group or of an array, state the
   rest under one of the names below. What is nearest to the array holds.
 """
@@ -22,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.files.sep005 import Sep005Channel, timestamp_ns
-from sensors.files.table import FileError
-from sensors.files.text.column_titles import is_time_title, split_unit, time_unit
+from sensors.files.table import FileError, in_standard_unit, quantity_named, quantity_of
+from sensors.files.text.column_titles import is_time_title, is_unit, split_unit, time_unit
 from sensors.files.text.columns import log_once
 from sensors.files.text.time_column import (
     ClockError,
@@ -44,6 +46,7 @@ OFFSET = ("wf_start_offset",)  # of the first sample behind `START` [s]
 UNIT_NOTES = ("unit_str", "unit_string", "unit", "units")
 NAME_NOTES = ("names", "channel_names", "channels", "columns", "labels", "channel_labels",
               "channelnames", "chan_names", "sensor_names", "sensors")  # fmt: skip
+LASTING = 0.5  # of the longest series: accelerations that last as long are the measurement [-]
 NEARLY = 0.99  # channels of one rate that are so much alike in length belong together
 
 _FREQUENCY = {"hz": 1.0, "khz": 1e3, "s/s": 1.0, "sps": 1.0, "1/s": 1.0, "": 1.0}
@@ -98,19 +101,90 @@ def find_channels(arrays: list[NamedArray], path: Path) -> list[Sep005Channel]:
     longest = max((len(each.values) for each in series), default=0)
     if longest < 2:
         raise FileError(f"{path}: there is no series of numbers in it, that is no channel")
-    kept = [each for each in series if _belongs(each, longest, stamps, path)]
-    ignored = odd + [each.name for each in series if not any(each is one for one in kept)]
-    if ignored:
-        log_once(
-            f"{path}: {', '.join(ignored)} not read: shorter than the others, or no series of "
-            "real numbers"
-        )
+    kept = _measurement(series, stamps, path)
     short = len({each.title for each in kept}) == len(kept)
-    return [
+    channels = [
         channel
         for each in kept
         for channel in _channels(each, each.title if short else each.name, stamps, path)
     ]
+    for each in series:
+        if any(each is one for one in kept):
+            continue
+        beside = _channels_beside(each, {one["name"] for one in channels}, stamps, path)
+        channels += beside
+        if not beside:
+            odd.append(each.name)
+    if odd:
+        log_once(f"{path}: {', '.join(odd)} not read: no series of real numbers in time")
+    return channels
+
+
+def _measurement(
+    series: list[NamedArray], stamps: list[NamedArray], path: Path
+) -> list[NamedArray]:
+    """Return the series that are read where none is wanted by name."""
+
+    def alike(length: int) -> list[NamedArray]:
+        return [each for each in series if _belongs(each, length, stamps, path)]
+
+    longest = alike(max(len(each.values) for each in series))
+    parts = [_probable_channels(each, stamps, path) for each in longest]
+    lasts = max(_duration(channels) for channels in parts)
+    if not lasts or any(map(_has_acceleration, parts)):
+        return longest
+    others = [(each, _probable_channels(each, stamps, path)) for each in series]
+    lengths = [
+        len(each.values)
+        for each, channels in others
+        if _has_acceleration(channels) and _duration(channels) >= LASTING * lasts
+    ]
+    return alike(max(lengths)) if lengths else longest
+
+
+def _probable_channels(
+    array: NamedArray, stamps: list[NamedArray], path: Path, name: str = ""
+) -> list[Sep005Channel]:
+    """Return the channels of an array that may be none; [] where the notes do not fit it."""
+    if len(array.values) < 2:
+        return []
+    try:
+        return list(_channels(array, name or array.name, stamps, path))
+    except FileError:
+        return []
+
+
+def _has_acceleration(channels: list[Sep005Channel]) -> bool:
+    return any(
+        each.get("quantity") == "a"
+        or quantity_of(in_standard_unit(each["unit_str"])[0]) == "acceleration"
+        or quantity_named(each["name"]) == "acceleration"
+        for each in channels
+    )
+
+
+def _duration(channels: list[Sep005Channel]) -> float:
+    """Return how long the channels of one array were measured [s]; 0: unknown."""
+    for each in channels[:1]:
+        if (times := each.get("time")) is not None:
+            return float(times[-1] - times[0])
+        if rate := each.get("fs"):
+            return len(each["data"]) / rate
+    return 0.0
+
+
+def _channels_beside(
+    array: NamedArray, taken: set[str], stamps: list[NamedArray], path: Path
+) -> list[Sep005Channel]:
+    """Return the channels of an array beside the measurement, by names that are not `taken`."""
+    channels = _probable_channels(array, stamps, path, array.title)
+    if taken.intersection(each["name"] for each in channels):
+        channels = _probable_channels(array, stamps, path)
+    for each in channels:
+        if each["name"] in taken:  # of a matrix's columns
+            each["name"] = f"{array.name}/{each['name']}"
+        each["aside"] = True
+    return channels
 
 
 def _simple(array: NamedArray) -> Iterator[NamedArray]:
@@ -148,7 +222,8 @@ def _belongs(array: NamedArray, longest: int, stamps: list[NamedArray], path: Pa
     if length == longest:
         return True
     timed = _find_time(stamps, array) is not None
-    return length >= NEARLY * longest and not timed and _rate(array, path) is not None
+    nearly = NEARLY * longest <= length < longest
+    return nearly and not timed and _rate(array, path) is not None
 
 
 def _channels(
@@ -232,9 +307,14 @@ def _find_time(stamps: list[NamedArray], array: NamedArray) -> NamedArray | None
     fitting = [
         each
         for each in stamps
-        if len(each.values) == len(array.values) and f"{array.group}/".startswith(each.group)
+        if len(each.values) == len(array.values) and _is_around(each.group, array.group)
     ]
     return max(fitting, key=lambda each: each.name.count("/"), default=None)
+
+
+def _is_around(outer: str, group: str) -> bool:
+    """Whether a group is another one, or in it; run1 is not around run10."""
+    return not outer or f"{group}/".startswith(f"{outer}/")
 
 
 def _seconds(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float64], str | None]:
@@ -303,7 +383,31 @@ def _start(notes: Notes, path: Path) -> str | None:
 def _find_note(notes: Notes, names: tuple[str, ...]) -> Any:
     """Return the first of these notes that there is, as a Python value."""
     plain = {key.lower().replace(" ", "_").replace("-", "_"): each for key, each in notes.items()}
-    value = next((plain[name] for name in names if name in plain), None)
+    return _python_value(next((plain[name] for name in names if name in plain), None))
+
+
+def units_apart(headers: Mapping[str, Notes]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the notes of groups that hold nothing else, and the units of arrays by their names.
+
+    Parameters
+    ----------
+    headers : mapping
+        Notes of each group by its name: of one called `units`, texts are units.
+    """
+    notes: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    for group, inside in headers.items():
+        values = {name: _python_value(each) for name, each in inside.items()}
+        own = {name: each for name, each in values.items() if isinstance(each, str)}
+        if group.lower() not in UNIT_NOTES:
+            own = {}
+        units |= own
+        notes |= {n: each for n, each in inside.items() if n not in own or not is_unit(own[n])}
+    return notes, units
+
+
+def _python_value(value: Any) -> Any:
+    """Return a note as Python has it; an array of several values stays one."""
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.reshape(-1)[0]
     if isinstance(value, bytes):

@@ -63,6 +63,10 @@ class Sep005Channel(TypedDict):
     quantity: NotRequired[str | None]
     """What is measured: "a", "v", "d" or "e" (strain)."""
 
+    aside: NotRequired[bool]
+    """Whether it is beside the measurement, in another number of samples: it is read where it is
+    wanted by name. No part of SEP005."""
+
 
 def join_channels(
     channels: Sequence[Sep005Channel], path: Path, wanted: Wanted = EVERYTHING
@@ -92,6 +96,8 @@ def join_channels(
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
     channels = _with_names(channels, path)
+    if not _are_among(wanted, channels):
+        channels = _without_aside(channels, path, wanted)
     if wanted.time.column and wanted.stamps:
         channels = _with_time(channels, wanted.time, path)
     if not wanted.names:
@@ -131,6 +137,25 @@ def _with_names(channels: Sequence[Sep005Channel], path: Path) -> list[Sep005Cha
     return [{**channel, "name": name} for channel, name in zip(channels, names, strict=True)]
 
 
+def _are_among(wanted: Wanted, channels: Sequence[Sep005Channel]) -> bool:
+    """Whether channels are wanted by name, and there are all of them."""
+    return bool(wanted.names) and wanted.names <= {channel["name"] for channel in channels}
+
+
+def _without_aside(
+    channels: Sequence[Sep005Channel], path: Path, wanted: Wanted
+) -> list[Sep005Channel]:
+    """Return the channels of the measurement; those beside it are named."""
+    time = wanted.time.column
+    aside = [each["name"] for each in channels if each.get("aside") and each["name"] != time]
+    if aside and not _are_among(wanted, channels):
+        log_once(
+            f"{path}: {', '.join(aside)} not read: in another number of samples than the others; "
+            "a layout file (--layout) that lists channels of one rate chooses them"
+        )
+    return [channel for channel in channels if channel["name"] not in aside]
+
+
 def _without_ramps(channels: Sequence[Sep005Channel], path: Path) -> list[Sep005Channel]:
     """Return the channels that do not rise evenly: a counter, or a time under another name."""
     moving = [each for each in channels if not _is_ramp(np.asarray(each["data"]))]
@@ -158,8 +183,19 @@ def _is_ramp(values: NDArray[Any]) -> bool:
     return bool(np.abs(values - np.linspace(first, last, len(values))).max() < step / 2)
 
 
-def list_channels(channels: Sequence[Sep005Channel], path: Path) -> ChannelTable:
-    """Return names and units, without samples.
+def list_channels(
+    channels: Sequence[Sep005Channel], path: Path, wanted: Wanted = EVERYTHING
+) -> ChannelTable:
+    """Return names and units of the measurement's channels, without samples.
+
+    Parameters
+    ----------
+    channels : sequence of Sep005Channel
+        Of the file.
+    path : Path
+        Of the file, for messages.
+    wanted : Wanted, optional
+        What is read: where channels beside the measurement are wanted, none is named as left out.
 
     Raises
     ------
@@ -168,9 +204,10 @@ def list_channels(channels: Sequence[Sep005Channel], path: Path) -> ChannelTable
     """
     if not channels:
         raise FileError(f"{path}: there is no channel of numbers in it")
+    channels = _without_aside(_with_names(channels, path), path, wanted)
     units = [in_standard_unit(str(channel.get("unit_str") or ""))[0] for channel in channels]
     return ChannelTable(
-        names=tuple(channel["name"] for channel in _with_names(channels, path)),
+        names=tuple(channel["name"] for channel in channels),
         units=tuple(units),
         samples=np.empty((0, len(channels))),
         times=None,

@@ -7,7 +7,7 @@ it. MATLAB's version 7.3 is HDF5, too: it stores texts as numbers of their lette
 references. Needs h5py (extra `hdf5`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.extras import import_extra
-from sensors.files.named_arrays import NamedArray, find_channels
+from sensors.files.named_arrays import UNIT_NOTES, NamedArray, find_channels, units_apart
 from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import FileError, readable, require_file
 
@@ -37,12 +37,17 @@ def read_hdf5(path: Path) -> list[Sep005Channel]:
     h5py = import_extra("h5py", "hdf5", str(path), FileError)
     damage = (OSError, RuntimeError, KeyError, TypeError, ValueError)
     with readable(path, "HDF5 file", *damage), h5py.File(require_file(path), "r") as file:
-        arrays = _arrays(file, "", {}, h5py, path)
+        arrays = _arrays(file, "", {}, {}, h5py, path)
     return find_channels(arrays, path)
 
 
 def _arrays(
-    group: Any, place: str, around: dict[str, Any], h5py: Any, path: Path
+    group: Any,
+    place: str,
+    around: dict[str, Any],
+    units: dict[str, str],
+    h5py: Any,
+    path: Path,
 ) -> list[NamedArray]:
     """Return all datasets in a group and below, with the attributes that hold for them."""
     if b"pandas_type" in {key.encode() for key in group.attrs}:
@@ -57,30 +62,34 @@ def _arrays(
         and not ((member := group.get(name)) is not None and member.attrs.get(MATLAB_EMPTY))
     }
     datasets = {name: each for name, each in members.items() if isinstance(each, h5py.Dataset)}
-    notes = around | _of_headers(members.values(), h5py) | dict(group.attrs)
-    notes |= {name: each for name, one in datasets.items() if (each := _note(one)) is not None}
+    of_headers, of_arrays = units_apart(_headers(members, h5py))
+    single = {name: each for name, one in datasets.items() if (each := _note(one)) is not None}
+    notes = around | of_headers | dict(group.attrs) | single
+    units = units | of_arrays
     found = []
     for name, member in members.items():
         if isinstance(member, h5py.Group):
-            found += _arrays(member, f"{place}{name}/", notes, h5py, path)
-        elif name in datasets and name not in notes and member.shape is not None:
+            found += _arrays(member, f"{place}{name}/", notes, units, h5py, path)
+        elif name in datasets and name not in single and member.shape is not None:
             own = dict(member.attrs)
             values = _in_units(member[()], own, f"{path}: {place}{name}")
+            if name in units and not set(UNIT_NOTES).intersection(own):
+                own[UNIT_NOTES[0]] = units[name]
             found.append(NamedArray(f"{place}{name}", values, notes | own, own))
     return found
 
 
-def _of_headers(members: Iterable[Any], h5py: Any) -> dict[str, Any]:
+def _headers(members: Mapping[str, Any], h5py: Any) -> dict[str, dict[str, Any]]:
     """Notes of groups that hold no array: an `info` or `header` beside the measurements."""
-    notes: dict[str, Any] = {}
-    for group in members:
+    headers: dict[str, dict[str, Any]] = {}
+    for place, group in members.items():
         if not isinstance(group, h5py.Group):
             continue
         inside = {name: group.get(name) for name in group}
         values = {n: _note(each) for n, each in inside.items() if isinstance(each, h5py.Dataset)}
         if len(values) == len(inside) and all(each is not None for each in values.values()):
-            notes |= dict(group.attrs) | values
-    return notes
+            headers[place] = dict(group.attrs) | values
+    return headers
 
 
 def _note(dataset: Any) -> Any:
@@ -118,11 +127,23 @@ def _in_units(values: NDArray[Any], notes: dict[str, Any], place: str) -> NDArra
     scale, shift, fill = (_factor(notes, names, place) for names in (SCALE_NOTES, SHIFT, FILL))
     if scale is None and fill is None and "add_offset" not in notes:
         return values
+    fill = None if fill is None else _as_stored(fill, values.dtype)
     missing = values == fill if fill is not None else np.zeros(values.shape, dtype=bool)
     inside = values * (1.0 if scale is None else scale)
     if scale is not None or "add_offset" in notes:
         inside = inside + (0.0 if shift is None else shift)
     return np.where(missing, np.nan, inside) if missing.any() else np.asarray(inside)
+
+
+def _as_stored(fill: Any, dtype: np.dtype[Any]) -> Any:
+    """Return a fill value as values of a type hold it: -999.9 in single precision is another
+    number than in double, and -1 in 16 bits is 65535 where they are unsigned."""
+    if dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            stored = dtype.type(fill)
+        return stored if np.isfinite(stored) else fill
+    same_bits = fill.dtype.kind in "iu" and fill.dtype.itemsize == dtype.itemsize
+    return fill.astype(dtype) if same_bits else fill
 
 
 def _factor(notes: dict[str, Any], names: tuple[str, ...], place: str) -> Any:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sensors.files.named_arrays import NamedArray, find_channels
+from sensors.files.named_arrays import UNIT_NOTES, NamedArray, find_channels, units_apart
 from sensors.files.readers.hdf5 import read_hdf5
 from sensors.files.sep005 import Sep005Channel
 from sensors.files.table import readable, require_file
@@ -59,39 +59,45 @@ def read_mat(path: Path) -> list[Sep005Channel]:
         warnings.simplefilter("ignore", MatReadWarning)  # of one name that is used twice
         content = loadmat(path, simplify_cells=True)
     variables = {name: each for name, each in content.items() if not name.startswith("__")}
-    return find_channels(list(_arrays(variables, "", {})), path)
+    return find_channels(list(_arrays(variables, "", {}, {})), path)
 
 
-def _arrays(group: dict[str, Any], place: str, around: dict[str, Any]) -> Iterator[NamedArray]:
+def _arrays(
+    group: dict[str, Any], place: str, around: dict[str, Any], units: dict[str, str]
+) -> Iterator[NamedArray]:
     """Yield all arrays of a structure and of those in it, with the notes that hold for them."""
     values = {
         name: each if isinstance(each, dict) else _array(each) for name, each in group.items()
     }
-    notes = around | _notes(values)
+    own, of_arrays = _notes(values)
+    notes, units = around | own, units | of_arrays
     for name, each in values.items():
         if isinstance(each, dict):
-            yield from _arrays(each, f"{place}{name}/", notes)
+            yield from _arrays(each, f"{place}{name}/", notes, units)
         elif each.size > 1 and each.dtype.kind in "iufc":
-            yield NamedArray(f"{place}{name}", each, notes)
+            unit = {UNIT_NOTES[0]: units[name]} if name in units else {}
+            yield NamedArray(f"{place}{name}", each, notes | unit, unit)
 
 
-def _notes(values: dict[str, Any]) -> dict[str, Any]:
+def _notes(values: dict[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
     """Scalars and texts of a structure, and those of structures in it that have nothing else: an
-    `info` or `header` beside the measurements."""
-    of_structures: dict[str, Any] = {}
-    for each in values.values():
+    `info` or `header` beside the measurements; and the units of arrays by their names."""
+    headers: dict[str, dict[str, Any]] = {}
+    for place, each in values.items():
         if isinstance(each, dict):
             inside = {
                 name: one if isinstance(one, dict) else _array(one) for name, one in each.items()
             }
-            found = _notes(inside)
+            found, _ = _notes(inside)
             if found.keys() >= {name for name, one in inside.items() if not isinstance(one, dict)}:
-                of_structures |= found
-    return of_structures | {
+                headers[place] = found
+    of_headers, units = units_apart(headers)
+    single = {
         name: each
         for name, each in values.items()
         if isinstance(each, np.ndarray) and (each.size == 1 or each.dtype.kind == "U")
     }
+    return of_headers | single, units
 
 
 def _array(value: Any) -> np.ndarray[Any, Any]:

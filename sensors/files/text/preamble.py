@@ -1,14 +1,20 @@
 """What the lines above a table of samples and a file's name state: its rate, when it began."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from math import isnan, nan
 
 import pyarrow as pa
 
 from sensors.acquisition.blocks import NANOSECONDS
-from sensors.files.table import UNSTATED, TimeColumn, zone_named
+from sensors.files.table import (
+    ACCELERATION_UNITS,
+    UNSTATED,
+    TimeColumn,
+    plain_unit,
+    zone_named,
+)
 from sensors.files.text.columns import log_once
 from sensors.files.text.dates import (
     DateError,
@@ -28,11 +34,14 @@ _VALUE = (  # with its groups of thousands; neither a time of day, a date nor a 
 )
 _BEHIND = rf"(?:[ \t;,|]*[\[(]?(?P<unit>{_UNIT})(?!\w|[ \t]*[=:]))?"  # not the next entry: "s=5"
 _RATE = re.compile(
-    r"(?<![a-z])(?P<label>(?:fs|f_s)(?!\d)|(?:sampl\w*|scan|data|abtast\w*|mess|acquisition)?[ _-]*"
-    r"(?:rate|freq(?:uency|uenz)?|frequenz))" + _GAP + _VALUE + _BEHIND,
+    r"(?<![a-z])(?P<label>(?:fs|f_s)(?!\d)"
+    r"|(?P<of>(?:sampl\w*|scan\w*|data|abtast\w*|mess(?:ungs?|daten)?|acqui\w*|daq|measur\w*"
+    r"|logg\w*|record\w*|erfassungs|aufzeichnungs)(?:[ _-]+(?:at|with|an?|the|mit|einer|der))*)?"
+    r"[ _-]*(?:(?P<rate>rate)|freq(?:uency|uenz)?|frequenz))" + _GAP + _VALUE + _BEHIND,
     re.IGNORECASE,
 )  # fmt: skip
-_SURE = re.compile(r"(?<![a-z])f_?s(?![a-z])|sampl|scan|abtast|mess|acqui", re.IGNORECASE)
+_SURE = re.compile(r"(?<![a-z])f_?s(?![a-z])|sampl|scan|abtast|mess(?!age)|acqui", re.IGNORECASE)
+_BEGINS = re.compile(r"(?:^|[;,|\t#*\"'(\[])\s*(?:(?:the|die)\s+)?$", re.IGNORECASE)  # an entry
 _STEP = re.compile(
     r"(?<![a-z])(?:dt(?!\d)|delta[ _-]?[tx]|(?:sampl\w*|abtast)[ _-]*"
     r"(?:interval[a-z]*|step|(?P<duration>period|time)))" + _GAP + _VALUE + _BEHIND,
@@ -43,6 +52,7 @@ _HERTZ = {
     **dict.fromkeys(("hz", "sps", "s-1", "s^-1", "s⁻¹"), 1.0),
     **dict.fromkeys(("khz", "ksps"), 1000.0),
 }
+_OF_FULL_SCALE = {*ACCELERATION_UNITS, "v", "mv"}  # which is abbreviated FS too
 _STEP_UNITS = ("s", "sec", "ms", "us", "µs", "ns")
 _START = re.compile(
     r"(?:start|begin|trigger|t0)\w*?[^\d\n]{0,30}(?<!\d)"
@@ -112,17 +122,16 @@ def stated_rate(lines: Sequence[str], decimal_point: str = ".") -> float | None:
 
 def states_measurement(line: str) -> bool:
     """Whether a line says how fast or since when was sampled, even if it is not understood."""
-    return bool(_rates_in(line)) or _START.search(line) is not None
+    of_any_kind = any(_hertz_of(found) for found in _labelled(line))  # a filter's frequency too
+    return of_any_kind or bool(_rates_in(line)) or _START.search(line) is not None
 
 
 def _rates_in(line: str, decimal_point: str = ".") -> list[float]:
     """Return the rates that a line states [Hz]; NaN for one that is not understood."""
     rates: list[float] = []
-    found = _RATE.search(line)
+    found = next((each for each in _labelled(line) if _is_of_sampling(each)), None)
     if found is not None:
-        hertz = {each for unit in _units(found) if (each := _hertz(unit)) is not None}
-        if hertz or _SURE.search(found["label"] + found["gap"]):
-            rates.append(_number(found["value"], decimal_point) * _only(hertz))
+        rates.append(_number(found["value"], decimal_point) * _only(_hertz_of(found)))
     found = _STEP.search(line) if not rates or isnan(rates[0]) else None
     if found is not None:
         seconds = {each for unit in _units(found) if (each := _seconds(unit)) is not None}
@@ -130,6 +139,35 @@ def _rates_in(line: str, decimal_point: str = ".") -> list[float]:
         whole = found["duration"] is not None and step > _LONGEST_STEP
         rates.append(1.0 / step if step and not whole else nan)
     return rates
+
+
+def _labelled(line: str) -> Iterator[re.Match[str]]:
+    """Yield each rate or frequency of a line with its number."""
+    found = _RATE.search(line)
+    while found is not None:
+        yield found
+        found = _RATE.search(line, found.end("label"))
+
+
+def _is_of_sampling(found: re.Match[str]) -> bool:
+    """Whether a rate or frequency is that of sampling: not a filter's, a rotor's, an update's.
+
+    A word of sampling says so, or a rate in Hz that is of nothing else.
+    """
+    if found["gap"].count(")") > found["gap"].count("("):  # the number stands behind a remark
+        return False
+    if _SURE.search(found["label"]):
+        return True
+    in_hertz = bool(_hertz_of(found))
+    if _BEGINS.search(found.string, 0, found.start()) is None:
+        return in_hertz and found["of"] is not None
+    named = found["of"] is not None or found["rate"] is not None
+    return (in_hertz and named) or _SURE.search(found["gap"]) is not None
+
+
+def _hertz_of(found: re.Match[str]) -> set[float]:
+    """Return what the units of a rate are [Hz]; NaN for one of something else."""
+    return {each for unit in _units(found) if (each := _hertz(unit)) is not None}
 
 
 def _units(found: re.Match[str]) -> list[str]:
@@ -148,7 +186,8 @@ def _hertz(unit: str) -> float | None:
     samples, slash, time = unit.partition("/")
     if slash and known_unit(time) in ("s", "sec") and not samples.startswith(("ms", "gs")):
         return 1000.0 if samples in ("ks", "ksa", "ksamples") else 1.0
-    other = unit.endswith("hz") or known_unit(time if slash else unit)
+    of_time = known_unit(time if slash else unit)
+    other = unit.endswith("hz") or of_time or plain_unit(unit) in _OF_FULL_SCALE
     return _HERTZ.get(unit, nan if other else None)
 
 

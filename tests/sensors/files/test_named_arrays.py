@@ -1,5 +1,6 @@
 """Arrays with notes as programs leave them: odd shapes, odd clocks, counts with a scale."""
 
+import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -14,9 +15,9 @@ from nptdms import ChannelObject, TdmsWriter
 from pyarrow import parquet
 from scipy.io import savemat
 
-from sensors.files.formats import read_file
+from sensors.files.formats import channels_in, read_file
 from sensors.files.named_arrays import _find_names
-from sensors.files.table import FileError
+from sensors.files.table import FileError, Wanted
 
 RATE = 50.0  # [Hz]
 START = np.datetime64("2024-03-13T12:00:00.250", "ns")
@@ -102,6 +103,120 @@ def test_notes_that_make_no_sense_are_one_line(tmp_path: Path, arrays: Notes, me
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("kind", ["h5", "mat", "tdms"])
+def test_a_time_holds_for_its_own_group_and_none_whose_name_begins_alike(
+    tmp_path: Path, kind: str
+) -> None:
+    groups = {"T1": 40.0, "T10": 20.0, "T2": 40.0}
+    content = {
+        group: {"time": START_NS / 1e9 + 3600 * i + np.arange(60) / rate, f"acc_{group}": each}
+        for i, ((group, rate), each) in enumerate(
+            zip(groups.items(), np.column_stack([SAMPLES, SAMPLES[:, 1]]).T, strict=True)
+        )
+    }
+    path = tmp_path / f"a.{kind}"
+    if kind == "mat":
+        savemat(path, content)
+    elif kind == "tdms":
+        with TdmsWriter(path) as writer:
+            writer.write_segment(
+                [
+                    ChannelObject(group, name, np.ascontiguousarray(values))
+                    for group, inside in content.items()
+                    for name, values in inside.items()
+                ]
+            )
+    else:
+        with h5py.File(path, "w") as file:
+            for group, inside in content.items():
+                for name, values in inside.items():
+                    file[f"{group}/{name}"] = values
+    for i, (group, rate) in enumerate(groups.items()):
+        table = read_file(path, None, Wanted(frozenset({f"acc_{group}"})))
+        assert table.sampling_rate == pytest.approx(rate, rel=1e-5)
+        assert abs(table.start_ns - START_NS - i * 3600 * 10**9) < 1000
+
+
+def slow_and_fast(folder: Path, unit: str = "g") -> Path:
+    """Accelerations at 50 Hz beside a strain at 500 Hz, over the same time."""
+    slow, fast = {"wf_increment": 1 / RATE, "unit_string": unit}, {"wf_increment": 0.1 / RATE}
+    with TdmsWriter(folder / "a.tdms") as writer:
+        writer.write_segment(
+            [
+                ChannelObject("strain", "s1", np.repeat(SAMPLES[:, 1], 10), properties=fast),
+                ChannelObject("tower", "z1", np.ascontiguousarray(SAMPLES[:, 0]), properties=slow),
+                ChannelObject("tower", "mode", np.arange(7.0)),
+            ]
+        )
+    return folder / "a.tdms"
+
+
+def test_channels_of_another_rate_are_read_where_they_are_wanted_by_name(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = slow_and_fast(tmp_path)
+    for name, rate in (("z1", RATE), ("s1", 10 * RATE)):
+        table = read_file(path, None, Wanted(frozenset({name})))
+        assert (table.names, table.sampling_rate) == ((name,), pytest.approx(rate))
+    assert not caplog.records
+    with pytest.raises(FileError, match="differ in sampling rate"):
+        read_file(path, None, Wanted(frozenset({"z1", "s1"})))
+
+
+@pytest.mark.parametrize(("unit", "read", "left"), [("g", "z1", "s1"), ("V", "s1", "z1")])
+def test_accelerations_are_the_measurement_else_the_longest_and_the_others_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, unit: str, read: str, left: str
+) -> None:
+    path = slow_and_fast(tmp_path, unit)
+    assert read_file(path).names == channels_in(path).names == (read,)
+    assert re.search(rf"{left}, mode|mode, {left}", caplog.text)
+    assert "--layout" in caplog.text
+
+
+def test_accelerations_that_last_a_moment_are_not_the_measurement(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file.attrs["fs"] = RATE
+        file["top"], file["mid"] = SAMPLES.T
+        file["pulse/acc"] = SAMPLES[:20, 0]
+
+    assert set(read_file(hdf5(tmp_path, fill)).names) == {"top", "mid"}
+
+
+def test_names_of_the_measurement_are_as_if_there_were_nothing_beside_it(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file["mean/x"], file["mean/pair"] = SAMPLES[::10, 0], SAMPLES[::10]
+        file["raw/x"], file["raw/y"], file["raw/pair"] = *SAMPLES.T, SAMPLES
+        for each in ("mean", "raw"):
+            file[each].attrs["fs"] = RATE if each == "raw" else RATE / 10
+            file[f"{each}/pair"].attrs["names"] = ["a", "b"]
+
+    path = hdf5(tmp_path, fill)
+    assert read_file(path).names == ("a", "b", "x", "y")
+    slow = frozenset({"mean/x", "mean/pair/a", "mean/pair/b"})
+    table = read_file(path, None, Wanted(slow))
+    assert (frozenset(table.names), table.sampling_rate) == (slow, RATE / 10)
+
+
+def test_notes_that_do_not_fit_what_is_beside_the_measurement_stop_nothing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = npz(tmp_path, acc=SAMPLES, names=["a", "b"], fs=RATE, gains=np.eye(5)[:, :3])
+    assert read_file(path).names == ("a", "b")
+    assert "gains not read" in caplog.text
+
+
+def test_a_time_holds_for_the_groups_inside_its_own(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file["run1/time"] = SECONDS
+        file["run1/tower/acc"], file["run10/tower/acc10"] = SAMPLES.T
+
+    path = hdf5(tmp_path, fill)
+    inside = read_file(path, None, Wanted(frozenset({"acc"})))
+    outside = read_file(path, None, Wanted(frozenset({"acc10"})))
+    assert inside.sampling_rate == pytest.approx(RATE)
+    assert outside.sampling_rate is None
+
+
 def test_a_single_array_is_read_and_an_object_is_not(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", SAMPLES)
     np.testing.assert_array_equal(read_file(tmp_path / "a.npy").samples, SAMPLES)
@@ -125,6 +240,48 @@ def test_counts_are_scaled_and_fill_values_are_nothing(tmp_path: Path) -> None:
     np.testing.assert_allclose(table.samples[kept], (COUNTS * 1e-3 + 2.0)[kept], atol=1e-12)
 
 
+@pytest.mark.parametrize("key", ["_FillValue", "missing_value"])
+@pytest.mark.parametrize("fill_value", [-999.9, np.float32(-999.9), np.array([-999.9]), np.nan])
+def test_a_fill_value_of_another_type_is_nothing_too(
+    tmp_path: Path, key: str, fill_value: float
+) -> None:
+    def fill(file: h5py.File) -> None:
+        values = SAMPLES.astype(np.float32)
+        values[5:7, 1] = np.float32(-999.9)
+        file["acc"] = values if np.isfinite(fill_value).all() else SAMPLES
+        file["acc"].attrs[key] = fill_value
+
+    missing = np.argwhere(np.isnan(read_file(hdf5(tmp_path, fill)).samples)).tolist()
+    assert missing == ([[5, 1], [6, 1]] if np.isfinite(fill_value).all() else [])
+
+
+@pytest.mark.parametrize(
+    ("fill_value", "missing"), [(-32768.0, [[5, 1]]), (32768, []), (-32768.5, []), (np.nan, [])]
+)
+def test_a_fill_value_that_counts_cannot_have_is_in_none(
+    tmp_path: Path, fill_value: float, missing: list[list[int]]
+) -> None:
+    def fill(file: h5py.File) -> None:
+        counts = COUNTS.copy()
+        counts[5, 1] = -32768
+        file["acc"] = counts
+        file["acc"].attrs["_FillValue"] = fill_value
+
+    table = read_file(hdf5(tmp_path, fill))
+    assert np.argwhere(np.isnan(table.samples)).tolist() == missing
+
+
+def test_a_fill_value_of_unsigned_counts_is_the_same_bits(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        counts = (COUNTS.astype(np.int32) + 32_000).astype(">u2")
+        counts[5, 1] = 65_535
+        file["acc"] = counts
+        file["acc"].attrs["_FillValue"] = np.int16(-1)
+
+    table = read_file(hdf5(tmp_path, fill))
+    assert np.argwhere(np.isnan(table.samples)).tolist() == [[5, 1]]
+
+
 def test_datasets_of_one_value_are_notes_wherever_they_stand(tmp_path: Path) -> None:
     def fill(file: h5py.File) -> None:
         file["acc"] = SAMPLES.T
@@ -135,6 +292,57 @@ def test_datasets_of_one_value_are_notes_wherever_they_stand(tmp_path: Path) -> 
     table = read_file(hdf5(tmp_path, fill))
     assert (table.names, table.sampling_rate) == (("top", "mid"), RATE)
     np.testing.assert_array_equal(table.samples, SAMPLES)
+
+
+def test_a_dataset_that_shares_its_name_with_a_note_is_a_channel(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file.attrs.update(time="local", acc_y="broken", fs=RATE / 2)
+        file["acc_x"], file["acc_y"] = SAMPLES.T
+        file["time"] = SECONDS
+        file["info/acc_x"] = "the first one"
+        file["inner/fs"], file["inner/acc_x"] = np.array([RATE]), SAMPLES[:, 0]
+
+    table = read_file(hdf5(tmp_path, fill))
+    assert set(table.names) == {"acc_x", "acc_y", "inner/acc_x"}
+    assert table.sampling_rate == pytest.approx(RATE)
+
+
+@pytest.mark.parametrize("kind", ["h5", "h5 attributes", "mat"])
+def test_units_in_a_group_of_their_own_are_those_of_the_arrays_by_name(
+    tmp_path: Path, kind: str
+) -> None:
+    units = {"acc_x": "g", "acc_y": "mm/s2", "t": "ms", "fs": "Hz"}
+    arrays = {"acc_x": SAMPLES[:, 0], "acc_y": SAMPLES[:, 1], "temp": SAMPLES[:, 0]}
+    path = tmp_path / f"a.{kind[:3].strip()}"
+    if kind == "mat":
+        savemat(path, {"run": arrays | {"t": np.arange(60) * 20}, "units": units})
+    else:
+        with h5py.File(path, "w") as file:
+            for name, each in (arrays | {"t": np.arange(60) * 20}).items():
+                file[f"run/{name}"] = each
+            file.create_group("units")
+            for name, unit in units.items():
+                if kind == "h5":
+                    file[f"units/{name}"] = unit
+                else:
+                    file["units"].attrs[name] = unit
+    table = read_file(path)
+    found = dict(zip(table.names, table.units, strict=True))
+    assert found == {"acc_x": "m/s²", "acc_y": "m/s²", "temp": ""}
+    assert table.sampling_rate == pytest.approx(RATE)
+    factors = {"acc_x": 9.80665, "acc_y": 1e-3, "temp": 1.0}
+    for name, samples in zip(table.names, table.samples.T, strict=True):
+        np.testing.assert_allclose(samples, arrays[name] * factors[name])
+
+
+def test_a_unit_of_its_own_goes_before_one_in_a_group_of_units(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file.attrs["fs"] = RATE
+        file["acc"] = SAMPLES[:, 0]
+        file["acc"].attrs["units"] = "mm/s2"
+        file["units/acc"] = "g"
+
+    np.testing.assert_allclose(read_file(hdf5(tmp_path, fill)).samples[:, 0], 1e-3 * SAMPLES[:, 0])
 
 
 def test_the_unit_of_a_time_says_since_when(tmp_path: Path) -> None:

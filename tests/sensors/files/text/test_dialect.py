@@ -59,6 +59,31 @@ def test_a_cell_without_a_value_is_known_as_it_is_written(tmp_path: Path) -> Non
         ("Sampling rate: 1 MHz", None),
         ("Sampling rate: 10 ms", None),
         ("Update rate of the offset: 5", None),
+        ("# Filter frequency: 20 Hz", None),
+        ("Cut-off frequency;20 Hz", None),
+        ("# Nyquist frequency (half the sampling rate): 20 Hz", None),
+        ("filter_frequency_hz: 20", None),
+        ("Eigenfrequenz: 0,3 Hz", None),
+        ("Filter-Frequenz: 20 Hz", None),
+        ("Rotor frequency: 0.2 Hz", None),
+        ("Frequency: 20 Hz", None),
+        ("Update rate: 1 Hz", None),
+        ("Message rate: 1 Hz", None),
+        ("Filter frequency: 20 Hz; sampling rate: 50 Hz", 50.0),
+        ("Filter frequency (at a sampling rate of 50 Hz): 20 Hz", 50.0),
+        ("FS: 2 g", None),  # full scale
+        ("FS = 10 V", None),
+        ("Rate: 50 Hz", 50.0),
+        ("Data rate [Hz]: 50", 50.0),
+        ("# Frequency of sampling: 50", 50.0),
+        ("Die Frequenz der Messung: 50 Hz", 50.0),
+        ("Sampled at a rate of 50 Hz", 50.0),
+        ("Measurement frequency: 50 Hz", 50.0),
+        ("Messfrequenz [Hz];50", 50.0),
+        ("Abtastfrequenz: 50 Hz", 50.0),
+        ("sampling_frequency_hz = 50", 50.0),
+        ("Logging rate: 50 Hz", 50.0),
+        ("Scanning frequency: 50 Hz", 50.0),
         ("Sampling interval 0,01 s", 100.0),
         ("# Sampling interval [ms]: 10", 100.0),
         ("# dt (ms) = 5", 200.0),
@@ -129,7 +154,18 @@ def test_a_point_between_thousands_is_told_by_the_samples(
     assert read_head(path).columns.rate == rate
 
 
-@pytest.mark.parametrize("line", ["Sampling rate;1,000;Hz", "Start;03/02/2024 04:05:06;logger"])
+@pytest.mark.parametrize("line", ["Filter frequency: 20 Hz", "Nyquist frequency;20 Hz"])
+def test_a_filters_frequency_is_no_sampling_rate(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "filtered.csv"
+    path.write_text(f"# {line}\nax;ay\n" + "1.5;2.5\n" * 5, encoding="ascii")
+    columns = read_head(path).columns
+    assert ([each.title for each in columns.all], columns.rate) == (["ax", "ay"], None)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["Sampling rate;1,000;Hz", "Cut-off frequency;20;Hz", "Start;03/02/2024 04:05:06;logger"],
+)
 def test_a_line_of_the_measurement_that_is_not_understood_is_no_line_of_titles(
     tmp_path: Path, line: str
 ) -> None:
