@@ -269,14 +269,27 @@ class ZoneClock:
             elif self._is_not_set(change, stamps, before, steps, ahead):
                 return stamps - ahead
         if not changes:
-            for each in stamps[
-                self._steps.less(steps) & _is_night_of(NIGHTS_BACK, stamps)
-            ].tolist():
-                self.remarks.append(
-                    f"the clock goes back by an hour at {_written(each)}, as local time does on "
-                    f"that night, though {self.zone} is stated; all times are read as stated"
-                )
+            self._follow_back(stamps, steps, ahead)
         return stamps - ahead
+
+    def _follow_back(
+        self, stamps: NDArray[np.int64], steps: NDArray[np.int64], ahead: NDArray[np.int64]
+    ) -> None:
+        """Go on an hour later behind a step back at the end of summer time, in place.
+
+        No clock of a fixed offset goes back: a title such as "Zeit (MESZ)" is of the first rows.
+        """
+        back = self._steps.less(steps) & _is_night_of(NIGHTS_BACK, stamps)
+        if not back.any():
+            return
+        place = int(np.argmax(back))
+        self._fixed = int(ahead[place]) - HOUR
+        ahead[place:] = self._fixed
+        self.went_back = True
+        self.remarks.append(
+            f"the clock goes back by an hour at {_written(int(stamps[place]))}, as local time does "
+            f"on that night, though {self.zone} is stated; all times behind are read on"
+        )
 
     def _set_back(
         self,

@@ -201,13 +201,18 @@ def test_a_clock_that_is_not_set_with_its_zone_is_named() -> None:
     assert "the hour from 2025-10-26T02:00:00 comes once, and twice in Europe/Berlin" in remark
 
 
-def test_a_clock_of_utc_that_goes_back_is_named_and_read_as_stated() -> None:
+@pytest.mark.parametrize("zone", ["UTC", "UTC+02:00"])
+@pytest.mark.parametrize("batch", [7, 48])
+def test_a_fixed_clock_that_goes_back_is_named_and_followed(zone: str, batch: int) -> None:
+    """As under a title "Zeit (MESZ)", which was true of the first rows."""
     _, local = berlin("2025-10-25T21:00", np.full(48, 600 * 10**9))
-    clock = ZoneClock("UTC")
-    np.testing.assert_array_equal(clock.in_utc(local), local)
+    clock = ZoneClock(zone)
+    read = batches(clock, local, batch)
+    assert set(np.diff(read)) == {600 * 10**9}
+    assert local[0] - read[0] == (0 if zone == "UTC" else 7200 * 10**9)
     (remark,) = clock.remarks
     assert "goes back by an hour at 2025-10-26T02:00:00" in remark
-    assert "UTC is stated" in remark
+    assert f"{zone} is stated" in remark
 
 
 def test_rows_in_falling_order_have_the_offset_of_their_day() -> None:
