@@ -184,17 +184,24 @@ def _record(flag: int, topic: str, payload: bytes) -> bytes:
 
 
 def _records(path: Path) -> Iterator[tuple[int, str, bytes]]:
-    """Up to the first one that is cut off or damaged."""
+    """What is whole, up to where a length leads beyond the file; the rest is logged."""
     try:
         content = path.read_bytes()
     except OSError:
         return
-    at = 0
-    while at + _HEAD.size <= len(content):
-        flag, check, named, length = _HEAD.unpack_from(content, at)
-        at += _HEAD.size
-        topic, payload = content[at : at + named], content[at + named : at + named + length]
-        at += named + length
-        if at > len(content) or zlib.crc32(topic + payload) != check:
-            return
-        yield flag, topic.decode("utf-8", "replace"), payload
+    begin = 0
+    while begin + _HEAD.size <= len(content):
+        flag, check, named, length = _HEAD.unpack_from(content, begin)
+        start = begin + _HEAD.size
+        end = start + named + length
+        if end > len(content) or not named:  # nor has a file's end of zeros a topic
+            break
+        if zlib.crc32(content[start:end]) == check:
+            topic = content[start : start + named].decode("utf-8", "replace")
+            yield flag, topic, content[start + named : end]
+        else:
+            logger.warning("%s, byte %d: its checksum does not hold", path, begin)
+        begin = end
+    if begin < len(content):
+        rest = len(content) - begin
+        logger.warning("%s: %d bytes from byte %d on cannot be read", path, rest, begin)

@@ -16,13 +16,14 @@ from sensors.feeds.payloads.json_samples import MessageError, json_of
 from sensors.feeds.payloads.mapping import TIME_UNITS, PayloadMapping, looked_up
 from sensors.feeds.payloads.payload_place import PayloadPlace
 from sensors.feeds.payloads.sequence_numbers import SenderNumbers
-from sensors.feeds.payloads.sparkplug import RebirthRequests, SparkplugDecoder
+from sensors.feeds.payloads.sparkplug import NAMESPACE, RebirthRequests, SparkplugDecoder
 from sensors.feeds.payloads.timestamps import LATEST_NS, moment_ns
 from sensors.feeds.protocol import ChannelSamples, FeedCounts
 from sensors.files.missing_values import is_missing
 
 MOST_SAMPLE_ROWS = 100_000  # of one message
 DEEPEST_PAYLOAD = 6  # levels of values in values
+BIRTHS_KNOWN = 4  # of a node, so that one that comes again begins nothing
 _INFINITE = frozenset({"inf", "-inf", "+inf"})
 _WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
 _DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -81,7 +82,10 @@ class MappedReader:
         self._rename = dict(each.split("=", 1) for each in mapping.rename if "=" in each)
         self._counts, self._numbers = counts, SenderNumbers(counts)
         self._sparkplug = SparkplugDecoder(rebirths)
-        self._unwrapped: BoundedDict[str, int] = BoundedDict()
+        self._unwrapped: BoundedDict[tuple[str, int], int] = BoundedDict()  # by sender and session
+        self._births: BoundedDict[str, tuple[int, ...]] = (
+            BoundedDict()
+        )  # of a node, the newest last
 
     def read(self, payload: bytes, topic: str) -> Iterator[ChannelSamples]:
         """The samples of a message, one piece a time and unit.
@@ -103,6 +107,7 @@ class MappedReader:
             message = json_of(payload)
         else:
             message = self._sparkplug.decoded(topic, payload)
+        session = self._session(message, topic)
         groups: dict[_Moment, list[Value]] = {}
         follows: dict[str, bool | None] = {"": None}
         rows = list(self._rows(message, topic))
@@ -116,7 +121,7 @@ class MappedReader:
             else:
                 continue
             if number not in follows:
-                follows[number] = self._follows(number, topic, start_ns)
+                follows[number] = self._follows(number, topic, session, start_ns)
                 if follows[number] is None:
                     continue
             elif number and follows[number] is None:
@@ -124,7 +129,7 @@ class MappedReader:
             for value in values:
                 groups.setdefault(_Moment(start_ns, value.unit, rate, number), []).append(value)
         if len(follows) == 1:  # no row had a number
-            self._count_without_rows(message, topic)
+            self._count_without_rows(message, topic, session)
         if rows and mapping.decode == "json" and not any(p.has(mapping.values) for p in rows):
             raise MessageError(f"no values at {' or '.join(mapping.values)}")
         yield from self._pieces(groups, follows, topic)
@@ -134,7 +139,21 @@ class MappedReader:
         if self._mapping.decode != "json":
             self._sparkplug.decoded(topic, payload)
 
-    def _count_without_rows(self, message: Any, topic: str) -> None:
+    def _session(self, message: Any, topic: str) -> int:
+        """Which start of its sender a message is of: a node counts from its birth certificate on,
+        which may come twice. 0: no certificate came, or there is no such thing."""
+        if self._mapping.decode != "sparkplug-b":
+            return 0
+        sender = _sender(topic, self._mapping)
+        births = self._births.renewed(sender) or (0,)
+        if not _is_node_birth(topic):
+            return births[-1]
+        born: int = message.get("timestamp", births[-1] + 1)
+        if born not in births:
+            self._births.put(sender, (*births[1 - BIRTHS_KNOWN :], born))
+        return born
+
+    def _count_without_rows(self, message: Any, topic: str, session: int) -> None:
         """Take note of the number of a message without rows (a device's death)."""
         numbered = tuple(path for path in self._mapping.sequence if path.startswith("^"))
         place = PayloadPlace(message, message, "", topic)
@@ -142,7 +161,7 @@ class MappedReader:
             return
         number = self._number_of(place)
         with suppress(MessageError):  # without a time it cannot be told from another start
-            self._follows(number, topic, _time_ns(place, self._mapping))
+            self._follows(number, topic, session, _time_ns(place, self._mapping))
 
     def _rows(self, message: Any, topic: str) -> Iterator[PayloadPlace]:
         found = PayloadPlace(message, message, "", topic).first(self._mapping.rows)
@@ -326,17 +345,18 @@ class MappedReader:
             raise MessageError(f"the sequence is {number!r:.20}, no whole number")
         return f"{place.first(self._mapping.sequence_of) or ''}#{int(number)}"
 
-    def _follows(self, number: str, topic: str, time_ns: int) -> bool | None:
+    def _follows(self, number: str, topic: str, session: int, time_ns: int) -> bool | None:
         """Whether it is directly behind its sender's last; None: late or twice, and counted."""
         owner, _, written = number.rpartition("#")
         sender = _sender(topic, self._mapping) + (f" {owner}" if owner else "")
         sequence, modulus = int(written), self._mapping.sequence_modulus
         if modulus:
-            last = self._unwrapped.renewed(sender) or 0
+            last = self._unwrapped.renewed((sender, session)) or 0
             half = modulus // 2  # the nearest number that is written so
-            sequence = max(sequence, last + (sequence - last + half) % modulus - half)
-            self._unwrapped.put(sender, max(sequence, last))
-        return self._numbers.follows(sender, sequence, time_ns=time_ns)
+            if not _is_node_birth(topic):  # which is the first of its session, also a second time
+                sequence = max(sequence, last + (sequence - last + half) % modulus - half)
+            self._unwrapped.put((sender, session), max(sequence, last))
+        return self._numbers.follows(sender, sequence, session, time_ns=time_ns)
 
     def _pieces(
         self, groups: dict[_Moment, list[Value]], follows: dict[str, bool | None], topic: str
@@ -360,6 +380,12 @@ def _sender(topic: str, mapping: PayloadMapping) -> str:
     if mapping.decode == "sparkplug-b" and len(levels) > 3:
         return "/".join((levels[1], levels[3]))
     return topic
+
+
+def _is_node_birth(topic: str) -> bool:
+    """Whether a topic is of a Sparkplug B node's birth certificate."""
+    levels = topic.split("/")
+    return levels[0] == NAMESPACE and levels[2:3] == ["NBIRTH"]
 
 
 def _stream(topic: str, mapping: PayloadMapping) -> str:

@@ -172,7 +172,7 @@ def _elevation(address: FeedAddress, option: str) -> float:
 
 
 def _figure(mapped: _Mapped, said: Mapping[str, Any]) -> float:
-    written = said.get(mapped.name)
+    written: Any = said.get(mapped.name)
     if is_missing(written):
         return math.nan
     try:

@@ -104,6 +104,30 @@ def test_a_record_that_is_cut_off_or_damaged_ends_the_file_and_nothing_else(
     assert journal(tmp_path)[0].resumed() == ([], [("t", b"1")])
 
 
+def test_a_damaged_record_costs_its_message_and_a_damaged_length_the_rest_with_a_word(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    kept, _ = journal(tmp_path)
+    kept.resumed()
+    for second in range(5):
+        kept.keep("t", b"message %d" % second)
+    kept.close()
+    file = tmp_path / "feed.messages"
+    content = file.read_bytes()
+    size = len(content) // 5
+
+    def resumed(at: int, byte: int) -> list[bytes]:
+        for each in tmp_path.iterdir():
+            each.unlink()
+        file.write_bytes(content[:at] + bytes([byte]) + content[at + 1 :])
+        return [payload[-1:] for _, payload in journal(tmp_path)[0].resumed()[1]]
+
+    assert resumed(2 * size - 1, 0) == [b"0", b"2", b"3", b"4"]
+    assert f"{file}, byte {size}: its checksum does not hold" in caplog.text
+    assert resumed(2 * size + 7, 255) == [b"0", b"1"]  # its length
+    assert f"{file}: {3 * size} bytes from byte {2 * size} on cannot be read" in caplog.text
+
+
 def test_a_folder_that_cannot_be_written_costs_the_journal_alone(tmp_path: Path) -> None:
     (tmp_path / "state").write_text("a file where the folder belongs")
     kept, _ = journal(tmp_path / "state")

@@ -89,6 +89,63 @@ def test_messages_of_states_and_a_devices_death_are_not_missing_among_the_number
     assert counts == FeedCounts()
 
 
+class Node:
+    """An edge node that numbers its messages, and a feed that reads them."""
+
+    def __init__(self) -> None:
+        self.counts = FeedCounts()
+        self._reader = MappedReader(mapping_named("sparkplug-b"), ("ax",), self.counts)
+        self._sent = 0
+
+    def message(self, kind: str, sequence: int | None) -> tuple[bytes, str]:
+        at = time_ms(self._sent)
+        self._sent += 1
+        number = b"" if sequence is None else field(3, sequence % 256)
+        content = field(1, at) + sparkplug_metric(1.0, at, name="ax") + number
+        return content, f"spBv1.0/g/{kind}/n"
+
+    def read(self, payload: bytes, topic: str) -> int:
+        """Pieces that a message gives."""
+        return len(list(self._reader.read(payload, topic)))
+
+    def data(self, first: int, end: int) -> None:
+        for sequence in range(first, end):
+            assert self.read(*self.message("NDATA", sequence)) == 1
+
+
+@pytest.mark.parametrize("before", [1, 100, 201, 300, 1000])
+@pytest.mark.parametrize("number", [0, None])
+def test_a_birth_certificate_begins_a_sequence_of_its_own(before: int, number: int | None) -> None:
+    node = Node()
+    for last in (before, 50, 400):
+        node.read(*node.message("NBIRTH", number))
+        node.data(1, last)
+    assert (node.counts.lost, node.counts.duplicate, node.counts.late) == (0, 0, 0)
+    node.data(403, 410)
+    assert node.counts.lost == 3
+
+
+def test_what_is_missing_behind_a_birth_certificate_is_counted() -> None:
+    node = Node()
+    node.data(7, 90)  # the feed starts after the node
+    node.read(*node.message("NBIRTH", 0))
+    node.data(3, 90)
+    assert node.counts.lost == 2
+
+
+def test_a_birth_certificate_that_comes_again_begins_nothing() -> None:
+    node = Node()
+    first, second = node.message("NBIRTH", 0), node.message("NBIRTH", 0)
+    node.read(*first)
+    node.data(1, 200)
+    node.read(*second)
+    node.data(1, 200)
+    assert node.read(*second) == 0
+    assert node.read(*first) == 0
+    node.data(200, 300)
+    assert (node.counts.lost, node.counts.duplicate, node.counts.late) == (0, 1, 1)
+
+
 class Clock:
     """Seconds that a test sets."""
 
