@@ -34,6 +34,12 @@ _UNIT_IN_NAME = {
     **{unit: unit for unit in ("kw", "mw", "w", "rpm", "deg", "m")},
 }
 _NOT_A_LEVEL = {"std", "min", "max", "dir", "direction", "err", "error", "rate", "temp", "y", "z"}
+_NO_ROTOR = re.compile(  # a word of a name whose turns are those of another machine, or no speed
+    r"gen|gensp(?:ee)?d|genrpm|(?:generat|générat|generad)\w*|hss|highspeed|gear\w*|getriebe\w*"
+    r"|fan|lüfter\w*|luefter\w*|ventilat\w*|pump\w*|motor\w*|kompressor\w*"
+    r"|compressor|azimuth?|position|angle|winkel|brake|bremse|lock"
+)
+_OF_ROTOR = re.compile(r"rotor.*|rot|rotsp(?:ee)?d")  # a word of a name
 _ROTOR = re.compile(r"rot(or|spd|speed|_|\b)|drehzahl", re.IGNORECASE)  # RotSpeed is OpenFAST's
 _SPEED = re.compile(r"speed|spd|rpm|drehzahl", re.IGNORECASE)
 
@@ -74,20 +80,35 @@ class ConditionChannel:
 def condition_channels(names: Sequence[str], units: Sequence[str]) -> dict[str, ConditionChannel]:
     """Return the channels that are fields of a ScadaSample, by the field's name; the first each.
 
+    Of several speeds, one that is named after the rotor goes before a bare "rpm"; a generator's
+    is none.
+
     Parameters
     ----------
     names, units : sequence of str
         As a ChannelTable has them.
     """
     found: dict[str, ConditionChannel] = {}
+    ranks: dict[str, int] = {}
     for name, unit in zip(names, units, strict=True):
         words = words_of(name)
         for field, (pattern, factors) in _FIELDS.items():
             known = any(re.fullmatch(pattern, word) for word in words)
             factor = factors.get(plain_unit(unit) or _unit_in_name(name))
-            if known and factor is not None and not _NOT_A_LEVEL & set(words):
-                found.setdefault(field, ConditionChannel(name, factor))
+            rank = _rank_of_speed(name, words) if field == "rotor_speed" else 1
+            if not known or factor is None or _NOT_A_LEVEL & set(words):
+                continue
+            if rank > ranks.get(field, 0):
+                found[field], ranks[field] = ConditionChannel(name, factor), rank
     return found
+
+
+def _rank_of_speed(name: str, words: Sequence[str]) -> int:
+    """Return how surely a name is that of the rotor's speed; 0: it is not."""
+    if any(_NO_ROTOR.fullmatch(word) for word in words):
+        return 0
+    of_rotor = any(_OF_ROTOR.fullmatch(word) for word in words)
+    return 1 + 2 * of_rotor + bool(_SPEED.search(name))
 
 
 def _unit_in_name(name: str) -> str:
@@ -186,5 +207,5 @@ def with_rotor_speed_apart(table: ChannelTable) -> ChannelTable:
 
 
 def _is_rotor_speed(name: str, unit: str) -> bool:
-    in_rpm = plain_unit(unit) in PER_MINUTE
+    in_rpm = plain_unit(unit) in PER_MINUTE and _rank_of_speed(name, words_of(name)) > 0
     return in_rpm and bool(_ROTOR.search(name)) and bool(_SPEED.search(name + unit))

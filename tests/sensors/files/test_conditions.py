@@ -44,6 +44,43 @@ def test_fields_are_found_in_other_languages_too(names: tuple[str, ...]) -> None
     assert all(other_quantity(name, "") for name in names)
 
 
+@pytest.mark.parametrize(
+    ("names", "rotor"),
+    [
+        (("gen_rpm", "rotor_rpm"), "rotor_rpm"),
+        (("Generator speed RPM", "Rotor speed"), "Rotor speed"),
+        (("GenSpeed", "RotSpeed"), "RotSpeed"),
+        (("Drehzahl Generator", "Drehzahl Rotor"), "Drehzahl Rotor"),
+        (("Generator-Drehzahl", "Drehzahl"), "Drehzahl"),
+        (("Toerental generator", "Toerental rotor"), "Toerental rotor"),
+        (("Omdrejninger generator", "Rotoromdrejninger"), "Rotoromdrejninger"),
+        (("Vitesse génératrice rpm", "Vitesse rotor rpm"), "Vitesse rotor rpm"),
+        (("Generador rpm", "Rotor rpm"), "Rotor rpm"),
+        (("RPM", "Rotor RPM"), "Rotor RPM"),
+        (("Drehzahl", "Rotordrehzahl"), "Rotordrehzahl"),
+        (("Fan RPM", "Pump RPM", "Yaw motor rpm", "RPM"), "RPM"),
+        (("Rotor azimuth", "Rotor position", "Rotor speed"), "Rotor speed"),
+        (("Rotor", "Rotor speed"), "Rotor speed"),
+        (("gen_rpm",), None),
+        (("Generatordrehzahl", "Drehzahl Generator"), None),
+        (("Generator rotor speed",), None),
+        (("HSS rpm", "High speed shaft rpm", "Gearbox rpm"), None),
+    ],
+)
+@pytest.mark.parametrize("unit", ["rpm", ""])
+def test_a_generators_speed_is_not_the_rotors(
+    names: tuple[str, ...], rotor: str | None, unit: str
+) -> None:
+    for order in (names, names[::-1]):
+        found = condition_channels(order, [unit] * len(order)).get("rotor_speed")
+        assert (found and found.name) == rotor
+
+
+def test_of_speeds_that_are_named_alike_the_first_counts() -> None:
+    found = condition_channels(("rotor speed 1", "rotor speed 2"), ("rpm", "rpm"))
+    assert found["rotor_speed"].name == "rotor speed 1"
+
+
 @pytest.mark.parametrize("unit", ["1/min", "rpm", "U/min", "min⁻¹", "min^-1", "tr/min", ""])
 def test_a_rotor_speed_is_found_in_any_unit_of_turns_a_minute(unit: str) -> None:
     assert set(condition_channels(("Rotordrehzahl",), (unit,))) == {"rotor_speed"}

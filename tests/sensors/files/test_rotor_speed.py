@@ -25,11 +25,26 @@ def test_a_rotors_speed_leaves_the_channels(name: str, unit: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "unit"), [("GenSpeed", "rpm"), ("rotor", "m/s²"), ("rotation", "rad"), ("fan", "rpm")]
+    ("name", "unit"),
+    [
+        *(("GenSpeed", "rpm"), ("rotor", "m/s²"), ("rotation", "rad"), ("fan", "rpm")),
+        *(("Generatordrehzahl", "1/min"), ("Drehzahl Generator", "1/min")),
+        *(("Lüfterdrehzahl", "1/min"), ("Generator rotor speed", "rpm")),
+    ],
 )
 def test_other_channels_stay(name: str, unit: str) -> None:
     whole = table(("top", "m/s²"), (name, unit), ("low", "m/s²"))
     assert with_rotor_speed_apart(whole) is whole
+
+
+@pytest.mark.parametrize("generator", ["Generatordrehzahl", "Drehzahl Generator", "gen_rot_rpm"])
+def test_a_generator_beside_a_rotor_hides_it_not(generator: str) -> None:
+    apart = with_rotor_speed_apart(
+        table(("top", "m/s²"), (generator, "1/min"), ("Rotordrehzahl", "1/min"))
+    )
+    assert apart.names == ("top", generator)
+    assert apart.rotor_speed is not None
+    assert apart.rotor_speed.tolist() == [2.0, 5.0, 8.0, 11.0]
 
 
 def test_missing_speeds_are_taken_between_their_neighbours() -> None:
