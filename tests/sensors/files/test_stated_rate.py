@@ -86,3 +86,45 @@ def test_stamps_that_increase_are_kept_and_others_are_left_out() -> None:
     bare, rate, note = with_stated_rate(table(None, 4, rate=20.0), 10.0)
     assert (bare.times, rate) == (None, 10.0)
     assert note == f"the file states 20 Hz; {COUNTED}"
+
+
+def with_gaps(step: float, n: int, *gaps: tuple[int, float]) -> list[float]:
+    """`n` stamps that are `step` apart but for gaps behind some samples; one stamp stands still."""
+    times = np.arange(n) * step
+    for place, missing in gaps:
+        times[place:] += missing
+    times[3] = times[2]
+    return times.round(6).tolist()
+
+
+@pytest.mark.parametrize("cut", [50, 199, 200, 201, 400])
+@pytest.mark.parametrize("gaps", [((200, 60.0),), ((200, 60.0), (300, 5.0))])
+def test_a_gap_among_stamps_that_are_not_followed_is_named(
+    cut: int, gaps: tuple[tuple[int, float], ...]
+) -> None:
+    times = with_gaps(0.1, 400, *gaps)
+    found = stamped_time([table(times[:cut]), table(times[cut:])])
+    assert found is not None
+    missing = sum(each for _, each in gaps)
+    assert found.gap == pytest.approx(missing, abs=0.01)
+    assert found.gap_begin == pytest.approx(19.9)
+    assert found.pace == pytest.approx(10.0, rel=0.01)
+    note = rate_note(None, found, 10.0)
+    assert f"leap over {missing:g} s (first 19.9 s after they begin)" in note
+    assert "samples a second" not in note
+    assert note.endswith(f"{COUNTED}, and what follows a gap is that much too early")
+    assert f"leap over {missing:g} s" in with_stated_rate(table(times), 10.0)[2]
+    assert "have 10 samples a second on the whole and leap" in rate_note(None, found, 20.0)
+
+
+def test_stamps_that_are_of_packets_have_no_gap() -> None:
+    sizes = [4, 4, 4, 40, 4, 4, 80, 4, 4, 4]
+    begins = np.cumsum([0, *sizes[:-1]]) * 0.1
+    seconds = np.repeat(begins, sizes).tolist()
+    back = np.arange(200) * 0.1
+    back[100:150] -= 10.0
+    for times in (seconds, np.floor(np.arange(400) * 0.1).tolist(), back.tolist()):
+        found = stamped_time([table(times)])
+        assert found is not None
+        assert (found.gap, found.increase) == (0.0, False)
+        assert rate_note(None, found, 10.0) == ""
