@@ -180,10 +180,13 @@ def _principal(
 
 
 def modal_powers(fit: WhittleFit, chosen: IntArray) -> FloatArray:
-    """Covariance of the modal coordinates, (2, 2)."""
+    """Covariance of the modal coordinates, −S_jl / (λ_j + λ_l*) as in `modal_spectra`, (2, 2).
+
+    Of two modes a few half bandwidths apart it is far less than their forces' correlation.
+    """
     forces = (fit.modes.forces @ fit.modes.forces.conj().T)[np.ix_(chosen, chosen)]
-    decay = fit.modes.half_widths[chosen]
-    return np.asarray((forces / (decay[:, None] + decay[None, :])).real)
+    lam = -fit.modes.half_widths[chosen] + 1j * fit.modes.positions[chosen]
+    return np.asarray((forces / -(lam[:, None] + lam[None, :].conj())).real)
 
 
 def _shape_rows(fit: WhittleFit, place: int, root: FloatArray) -> FloatArray:

@@ -7,8 +7,9 @@ import pytest
 
 from pipeline.messages import Mode
 from pipeline.oma.whittle.fit import WhittleFit
-from pipeline.oma.whittle.pair_axes import along_axes, principal_axes
+from pipeline.oma.whittle.pair_axes import along_axes, modal_powers, principal_axes
 from pipeline.oma.whittle.pairs import Partner, joint_pair
+from pipeline.oma.whittle.spectral_model import modal_spectra
 from tests.pipeline.oma.whittle.test_spectral_model import two_modes
 
 
@@ -54,3 +55,23 @@ def test_no_axis_holds_more_of_the_other_than_all_of_it() -> None:
     assert Partner(np.ones(2), power_share=4.0, noise_share=0.0).turns == (1.0, 1.0)
     assert Partner(np.ones(2), power_share=4.0, noise_share=0.0, turn=1.0).turns == (1.0, 0.5)
     assert Partner(np.ones(2), power_share=0.25, noise_share=0.0, turn=1.0).turns == (0.5, 1.0)
+
+
+@pytest.mark.parametrize("apart", [0.5, 1.0, 3.0])
+def test_two_modes_of_a_pair_are_correlated_as_the_sum_of_their_spectrum_is(apart: float) -> None:
+    """Two routes; correlated forces of one strength, half a line wide, a background's colour."""
+    modes, _ = two_modes()
+    modes = replace(
+        modes,
+        positions=np.array([200.0, 200.0 + apart]),
+        half_widths=np.full(2, 0.5),
+        forces=np.array([[1.0, 0.0], [0.999, 0.0447]], dtype=complex),
+        colours=np.full(2, -1.0),
+    )
+    fit = WhittleFit(modes, 0.0, np.eye(16), np.eye(16), True)
+    found = modal_powers(fit, np.arange(2))
+    summed = modal_spectra(modes, np.arange(100.0, 301.0)).sum(axis=0).real
+    one, other = (
+        each[0, 1] / np.sqrt(each[0, 0] * each[1, 1]) for each in (found, np.asarray(summed))
+    )
+    assert one == pytest.approx(other, abs=0.01)
