@@ -30,6 +30,7 @@ LEAST_DROP = 25.0  # of the cost: 12 nats against some sixty faults tried
 FIGURES_TRIED = 5  # of sensors, those whose freedom promises most where the fit ended
 CORRECTIONS_TRIED = 4  # flips and swaps, those that fit best where the fit without a fault ended
 SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
+MOST_OF_A_SHAPE = 25.0  # of that χ²: a sensor's fault shows in every mode, a mixture in one
 SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
 SUSPICIOUS_PAIRS = 0.85  # share of modes with a partner, below which likewise [-]
 SUSPICIOUS_FIGURE = 3.0  # of a sensor's figure from its prior, likewise [std]
@@ -86,9 +87,10 @@ def suspicious(fit: JointFit, peak: JointPeak) -> bool:
         return True
     if not shapes.any():
         return False
-    D = fit.variances(found, 0.0)
+    squares = found.errors[shapes] ** 2 / fit.variances(found, 0.0)[shapes]
+    of_modes = np.bincount(found.groups[shapes], weights=squares)
+    misfit = float(np.minimum(of_modes, MOST_OF_A_SHAPE).sum() / shapes.sum())
     z = fit.coordinates.sensors(peak.u)
-    misfit = float(np.mean(np.minimum(found.errors[shapes] ** 2 / D[shapes], 25.0)))
     return misfit > SUSPICIOUS_SHAPES or float(np.abs(z).max(initial=0.0)) > SUSPICIOUS_FIGURE
 
 

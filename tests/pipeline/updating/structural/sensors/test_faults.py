@@ -111,11 +111,33 @@ def test_faults_are_looked_for_where_shapes_or_a_sensors_figure_call_for_it(
         is_frequency=np.array([True, False, False]),
         pairing=SimpleNamespace(paired_share=1.0),
         errors=np.array([9.0, error, error]),
+        groups=np.zeros(3, dtype=int),
         unlike_share=0.0,
     )
     fit = SimpleNamespace(
         variances=lambda found, sigma: np.ones(3),
         coordinates=SimpleNamespace(sensors=lambda u: np.array([0.0, figure])),
+    )
+    peak = SimpleNamespace(relative_cost=1.0, comparison=comparison, u=None)
+    assert faults.suspicious(fit, peak) is expected  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("n_modes", "expected"), [(1, False), (3, True)])
+def test_one_mode_whose_shape_is_far_off_is_no_fault_of_a_sensor(
+    n_modes: int, expected: bool
+) -> None:
+    """Twelve modes of seven components; a mixture of two modes shows in one, a sensor in all."""
+    groups = np.repeat(np.arange(12), 7)
+    comparison = SimpleNamespace(
+        is_frequency=np.zeros(groups.size, dtype=bool),
+        pairing=SimpleNamespace(paired_share=1.0),
+        errors=np.where(groups < n_modes, 20.0, 0.9),
+        groups=groups,
+        unlike_share=0.0,
+    )
+    fit = SimpleNamespace(
+        variances=lambda found, sigma: np.ones(groups.size),
+        coordinates=SimpleNamespace(sensors=lambda u: np.zeros(1)),
     )
     peak = SimpleNamespace(relative_cost=1.0, comparison=comparison, u=None)
     assert faults.suspicious(fit, peak) is expected  # type: ignore[arg-type]
