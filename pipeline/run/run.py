@@ -194,7 +194,13 @@ class _Run:
             return self._run_on_bus(graph, sinks, count, doors)
         nodes = [*(plan.make() for plan in graph), *sinks]
         messages = source.messages(options.speed, self.stopping)
-        return run_lock_step(messages, nodes, turbine=source.layout.turbine, report=count)
+        return run_lock_step(
+            messages,
+            nodes,
+            turbine=source.layout.turbine,
+            report=count,
+            stopping=self.stopping,
+        )
 
     def _run_on_bus(
         self, graph: Sequence[Plan], sinks: Sequence[Node], report: BlockReport, doors: "_Doors"

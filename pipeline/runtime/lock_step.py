@@ -1,6 +1,8 @@
 """A run in one thread: every message through the whole graph before the next; and what nodes count
 of themselves, whichever runner serves them."""
 
+import logging
+import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,6 +14,8 @@ from pipeline.runtime.source_feed import BlockReport, with_end
 from pipeline.transport.codec import decode, encode
 from sensors.acquisition.blocks import AccelerationBlock
 from sensors.arrays import one_blas_thread
+
+logger = logging.getLogger(__name__)
 
 
 class NodeAccount:
@@ -140,11 +144,18 @@ def run_lock_step(
     *,
     turbine: str,
     report: BlockReport | None = None,
+    stopping: threading.Event | None = None,
 ) -> None:
-    """Every message through the whole graph before the next; deterministic, without transport."""
+    """Every message through the whole graph before the next; deterministic, without transport.
+
+    When `stopping` is set, the message before was the last one.
+    """
     accounts = [NodeAccount(node, turbine, time.time_ns) for node in nodes]
     with one_blas_thread():
         for message in with_end(source):
+            if stopping is not None and stopping.is_set():
+                logger.info("the session was ended early")
+                break
             _dispatch(message, accounts)
             if report and isinstance(message, AccelerationBlock):
                 report(message)

@@ -98,6 +98,19 @@ def test_lock_step_gives_every_node_every_block_in_order() -> None:
         assert listener.closed
 
 
+def test_lock_step_ends_where_it_is_stopped() -> None:
+    """Ctrl-C only ended the waiting for the next sample: a year's replay went on to its end."""
+    listener, stopping = Listener(), threading.Event()
+
+    def stop_at_fifth(block: AccelerationBlock) -> None:
+        if block.sequence == 4:
+            stopping.set()
+
+    run_lock_step(blocks(20), [listener], turbine="t1", report=stop_at_fifth, stopping=stopping)
+    assert listener.sequences == list(range(5))
+    assert listener.closed
+
+
 def test_a_source_never_runs_further_ahead_than_it_may() -> None:
     bus, listener = MemoryBus(), Listener()
     ahead = []
