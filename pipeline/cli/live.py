@@ -284,26 +284,27 @@ def certificates(
     version control.
     """
     from pipeline.deploy.access import SHORE, parse_unit, write_configurations
-    from pipeline.deploy.certificates import AUTHORITY, make_certificates
+    from pipeline.deploy.certificates import certificate_warnings, make_certificates
 
     if not 0 < port <= HIGHEST_PORT:
         raise InputError(f"--port is {port}; a port is 1 to {HIGHEST_PORT}")
     units = [parse_unit(text) for text in unit or ()]
     viewers, nodes = viewer or [], node or []
     names = [SHORE, *(each.name for each in units), *viewers, *nodes]
-    taken = {name for name in names if names.count(name) > 1 or name == AUTHORITY}
-    if taken:
-        raise InputError(f"{', '.join(sorted(taken))} cannot name two machines or the authority")
     if not names[1:]:
         raise InputError(
             "no client is named: give --unit TURBINE/UNIT, --viewer NAME or --node NAME"
         )
     made = make_certificates(folder, names, host=host)
+    warnings = certificate_warnings(folder, names, host=host)
     written = write_configurations(folder, units, viewers, nodes, host=host, port=port)
     if as_json:
-        print_json({"new": list(made), "written": [str(path) for path in written]})
+        paths = [str(path) for path in written]
+        print_json({"new": made, "written": paths, "warnings": warnings})
         return
-    output.print(f"new certificates: {', '.join(made) or 'none'}", soft_wrap=True)
+    output.print(f"new certificates: {', '.join(made) or 'none'}", soft_wrap=True, markup=False)
+    for warning in warnings:
+        output.print(warning, soft_wrap=True, markup=False)
     output.print("Written: " + ", ".join(str(path) for path in written), soft_wrap=True)
     output.print(
         "On the shore: pilewatch run --source live --scenario my.toml "

@@ -5,7 +5,7 @@
     node      a machine with nodes of identification or updating: publishes their results and
               status, reads what a viewer reads
     viewer    reads everything else and publishes nothing
-    own       nodes on the shore machine itself, over loopback without TLS: everything
+    own nodes on the shore machine itself, over loopback without TLS: everything
 
 Rules name kinds of messages, keys and a direction as the router sees it: what comes in from a unit
 must be allowed, and so must what goes out to it (subscriptions, requests for what was
@@ -27,6 +27,7 @@ SHORE = "shore"
 SENDS = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
 RECEIVES = ["declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"]
 PUBLISHED = ("acceleration", "layout", "gap", "end")  # by a unit, on keys of its own
+OWN = "own nodes"  # with a space, so that no machine has the same name
 ACKNOWLEDGED = "recorded"  # by the shore, on a unit's keys
 COMPUTED = (
     "modal-estimate",
@@ -94,18 +95,18 @@ def access_control(
     ]
     policies += [(_publishing(each, _computed_keys()) + _reading(each), each) for each in nodes]
     policies += [(_reading(each), each) for each in viewers]
-    own = _rule("own", SENDS + RECEIVES, ["ingress", "egress"], ["**", *EVERY_KEY])
+    own = _rule(OWN, SENDS + RECEIVES, ["ingress", "egress"], ["**", *EVERY_KEY])
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": [rule for rules, _ in policies for rule in rules] + [own],
         "subjects": [{"id": name, "cert_common_names": [name]} for _, name in policies]
-        + [{"id": "own", "link_protocols": ["tcp"], "interfaces": ["lo"]}],
+        + [{"id": OWN, "link_protocols": ["tcp"], "interfaces": ["lo"]}],
         "policies": [
             {"rules": [rule["id"] for rule in rules], "subjects": [name]}
             for rules, name in policies
         ]
-        + [{"rules": ["own"], "subjects": ["own"]}],
+        + [{"rules": [OWN], "subjects": [OWN]}],
     }
 
 
@@ -163,7 +164,7 @@ def write_configurations(
 ) -> list[Path]:
     """Zenoh configurations for `--zenoh-config` beside the certificates: shore.json5, one a unit,
     a viewer, a machine with nodes. They name the certificates by the folder they lie in now."""
-    endpoint = f"tls/{host}:{port}"
+    endpoint = f"tls/[{host}]:{port}" if ":" in host else f"tls/{host}:{port}"  # IPv6
     shore = _session("router", folder, SHORE) | {
         "listen": {"endpoints": [endpoint]},
         "access_control": access_control(units, viewers, nodes),

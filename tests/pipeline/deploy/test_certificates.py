@@ -14,8 +14,13 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.deploy.access import Unit, access_control, parse_unit, write_configurations
-from pipeline.deploy.certificates import CertificateError, Identity, make_certificates
+from pipeline.deploy.access import OWN, Unit, access_control, parse_unit, write_configurations
+from pipeline.deploy.certificates import (
+    CertificateError,
+    Identity,
+    certificate_warnings,
+    make_certificates,
+)
 from pipeline.messages import (
     FoundationEvent,
     FoundationPosterior,
@@ -101,7 +106,7 @@ def test_what_exists_is_kept_and_a_new_unit_is_signed_by_the_same_authority(tmp_
 def test_an_authority_that_is_none_is_one_line(tmp_path: Path) -> None:
     for name in ("ca.pem", "ca-key.pem"):
         (tmp_path / name).write_text("nonsense")
-    with pytest.raises(CertificateError, match="are no authority; move them away"):
+    with pytest.raises(CertificateError, match=r"ca\.pem is no certificate; move it and ca-key"):
         make_certificates(tmp_path, NAMES, host="localhost")
 
 
@@ -116,12 +121,12 @@ def test_a_unit_publishes_its_own_keys_alone_and_a_viewer_none() -> None:
     assert section["default_permission"] == "deny"
     rules = {rule["id"]: rule for rule in section["rules"]}
     for rule in rules.values():
-        if "put" in rule["messages"] and "ingress" in rule["flows"] and rule["id"] != "own":
+        if "put" in rule["messages"] and "ingress" in rule["flows"] and rule["id"] != OWN:
             turbine = rule["id"].split(".")[0]
             assert all(key.startswith(f"pilewatch/{turbine}/") for key in rule["key_exprs"])
     assert not any("put" in rules[r]["messages"] for r in ("viewer asks",))
     assert {policy["subjects"][0] for policy in section["policies"]} == {
-        *("t1.tower", "t2.tower", "viewer", "own")
+        *("t1.tower", "t2.tower", "viewer", OWN)
     }
 
 
@@ -142,7 +147,7 @@ def allowed(section: dict[str, Any], who: str, message: str, flow: str, key: str
 def test_the_shore_alone_acknowledges_and_only_to_the_unit_itself() -> None:
     section = access_control([Unit("t1", "tower"), Unit("t2", "tower")], ["viewer"], ["compute"])
     key = "pilewatch/t1/tower/recorded"
-    assert allowed(section, "own", "put", "ingress", key)
+    assert allowed(section, OWN, "put", "ingress", key)
     assert allowed(section, "t1.tower", "declare_subscriber", "ingress", key)
     assert allowed(section, "t1.tower", "put", "egress", key)
     assert not allowed(section, "t1.tower", "put", "ingress", key)
@@ -236,3 +241,153 @@ def test_the_command_writes_what_a_machine_with_nodes_needs(tmp_path: Path) -> N
     done = CliRunner().invoke(app, ["certificates", str(tmp_path), "--node", "office", "--json"])
     assert done.exit_code == 0
     assert str(tmp_path / "office.json5") in json.loads(done.stdout)["written"]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file beside and below a folder, with what it holds."""
+    return {str(path): path.read_bytes() for path in folder.parent.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--viewer", "shore-key"], "'shore-key': -key at the end is a private key's"),
+        (["--viewer", "ca-key"], "'ca-key': -key at the end is a private key's"),
+        (["--node", "t1.tower-key"], "'t1.tower-key': -key at the end is a private key's"),
+        (["--unit", "t1/tower-key"], "'t1.tower-key': -key at the end is a private key's"),
+        (["--viewer", "../evil"], "'../evil': a name is one character or more"),
+        (["--viewer", "a b"], "'a b': a name is one character or more"),
+        (["--viewer", "a\nb"], "a name is one character or more"),
+        (["--node", ""], "'': a name is one character or more"),
+        (["--viewer", "x" * 70], "it has 70 bytes, and a certificate's name at most 64"),
+        (["--viewer", "ü" * 40], "it has 80 bytes, and a certificate's name at most 64"),
+        (["--viewer", "ca"], "ca cannot name two machines or the authority"),
+        (["--node", "shore"], "shore cannot name two machines or the authority"),
+        (["--host", "bücher.example"], "'bücher.example' is neither a host's name nor an address"),
+        (["--host", ""], "'' is neither a host's name nor an address"),
+        (["--host", "shore:7447"], "'shore:7447' is neither a host's name nor an address"),
+        (["--host", "x" * 64], "is neither a host's name nor an address"),
+    ],
+)
+def test_a_name_that_cannot_be_a_machines_is_one_line_and_nothing_is_written(
+    tmp_path: Path, options: list[str], reason: str
+) -> None:
+    folder = tmp_path / "certs"
+    make_certificates(folder, ["shore", "t1.tower"], host="localhost")
+    before = contents(folder)
+    command = ["certificates", str(folder), "--unit", "t1/tower", "--unit", "t2/tower", *options]
+    done = CliRunner().invoke(app, command)
+    assert isinstance(done.exception, InputError)
+    assert reason in str(done.exception)
+    assert "\n" not in str(done.exception)
+    assert contents(folder) == before
+
+
+def test_a_viewer_may_be_named_as_the_shores_own_nodes_are(tmp_path: Path) -> None:
+    """Zenoh refuses two subjects of one name: "Subject id must be unique"."""
+    section = access_control([], ["own"])
+    for kind in ("subjects", "rules"):
+        ids = [each["id"] for each in section[kind]]
+        assert len(ids) == len(set(ids))
+
+
+def test_an_address_of_ipv6_stands_in_brackets_in_an_endpoint(tmp_path: Path) -> None:
+    written = write_configurations(tmp_path, [], ["viewer"], host="2001:db8::1", port=7447)
+    assert ZenohSettings(config_file=written[1]).endpoints == ("tls/[2001:db8::1]:7447",)
+
+
+@pytest.mark.parametrize("name", ["ca", "t1.tower"])
+def test_a_key_without_its_certificate_is_named_and_kept(tmp_path: Path, name: str) -> None:
+    make_certificates(tmp_path, NAMES, host="localhost")
+    Identity(name).certificate(tmp_path).unlink()
+    before = contents(tmp_path)
+    with pytest.raises(CertificateError, match=f"{name}.pem is missing beside .*{name}-key.pem"):
+        make_certificates(tmp_path, [*NAMES, "t2.tower"], host="localhost")
+    assert contents(tmp_path) == before
+
+
+def test_an_authority_whose_key_is_off_line_is_kept_and_signs_nothing(tmp_path: Path) -> None:
+    make_certificates(tmp_path, NAMES, host="localhost")
+    Identity("ca").key(tmp_path).unlink()
+    before = contents(tmp_path)
+    assert make_certificates(tmp_path, NAMES, host="localhost") == []
+    with pytest.raises(CertificateError, match=r"ca-key\.pem is missing .* sign t2\.tower"):
+        make_certificates(tmp_path, [*NAMES, "t2.tower"], host="localhost")
+    assert contents(tmp_path) == before
+
+
+def test_a_key_of_another_authority_signs_nothing(tmp_path: Path) -> None:
+    for place in ("one", "other"):
+        make_certificates(tmp_path / place, NAMES, host="localhost")
+    other = Identity("ca").key(tmp_path / "other").read_bytes()
+    Identity("ca").key(tmp_path / "one").write_bytes(other)
+    with pytest.raises(CertificateError, match=r"ca-key.pem is not the key of ca\.pem"):
+        make_certificates(tmp_path / "one", [*NAMES, "t2.tower"], host="localhost")
+
+
+def test_a_certificate_whose_key_has_gone_to_its_machine_is_kept(tmp_path: Path) -> None:
+    make_certificates(tmp_path, NAMES, host="localhost")
+    Identity("viewer").key(tmp_path).unlink()
+    before = contents(tmp_path)
+    assert make_certificates(tmp_path, NAMES, host="localhost") == []
+    assert contents(tmp_path) == before
+    (warning,) = certificate_warnings(tmp_path, NAMES, host="localhost")
+    assert warning.startswith("viewer-key.pem is not here: its machine needs it")
+
+
+def test_a_certificate_that_has_ended_is_named_with_its_day(tmp_path: Path) -> None:
+    made = datetime(2021, 1, 1, tzinfo=UTC)
+    make_certificates(tmp_path, NAMES, host="localhost", now=made)
+    make_certificates(tmp_path, [*NAMES, "t2.tower"], host="localhost")
+    ended = [
+        f"{name}.pem ended on 2023-04-06: move {name}.pem and {name}-key.pem" for name in NAMES
+    ]
+    warnings = certificate_warnings(tmp_path, [*NAMES, "t2.tower"], host="localhost")
+    assert [each.partition(" away")[0] for each in warnings] == ended
+    soon = made + timedelta(days=800)
+    warning = certificate_warnings(tmp_path, NAMES, host="localhost", now=soon)[0]
+    assert warning.startswith("shore.pem ends on 2023-04-06: ")
+    assert certificate_warnings(tmp_path, NAMES, host="localhost", now=made) == []
+
+
+def test_no_certificate_outlives_its_authority(tmp_path: Path) -> None:
+    made = datetime(2021, 1, 1, tzinfo=UTC)
+    make_certificates(tmp_path, NAMES, host="localhost", now=made)
+    names = [*NAMES, "t2.tower"]
+    late = made + timedelta(days=3000)
+    make_certificates(tmp_path, names, host="localhost", now=late)
+    ends = certificate(tmp_path, "ca").not_valid_after_utc
+    assert certificate(tmp_path, "t2.tower").not_valid_after_utc == ends
+    warning = certificate_warnings(tmp_path, names, host="localhost", now=made)[0]
+    assert warning.startswith("ca.pem ends on 2030-12-30, and with it all that it signed: move the")
+    before = contents(tmp_path)
+    with pytest.raises(CertificateError, match=r"ca\.pem ended on 2030-12-30, and with it all"):
+        make_certificates(tmp_path, [*names, "t3.tower"], host="localhost", now=ends)
+    assert contents(tmp_path) == before
+
+
+def test_a_certificate_of_another_authority_is_named(tmp_path: Path) -> None:
+    make_certificates(tmp_path, NAMES, host="localhost")
+    for path in (Identity("ca").certificate(tmp_path), Identity("ca").key(tmp_path)):
+        path.unlink()
+    assert make_certificates(tmp_path, NAMES, host="localhost") == ["ca"]
+    warnings = certificate_warnings(tmp_path, NAMES, host="localhost")
+    assert [each.partition(":")[0] for each in warnings] == [
+        f"{name}.pem is not signed by ca.pem" for name in NAMES
+    ]
+
+
+def test_another_host_than_the_certificates_is_named_on_the_commands_output(tmp_path: Path) -> None:
+    command = ["certificates", str(tmp_path), "--unit", "t1/tower", "--host"]
+    runner = CliRunner()
+    assert (
+        json.loads(runner.invoke(app, [*command, "old.example", "--json"]).stdout)["warnings"] == []
+    )
+    expected = (
+        "shore.pem is of old.example, localhost, 127.0.0.1 and not of --host new.example: move "
+        "shore.pem and shore-key.pem away and call again for a new pair"
+    )
+    assert expected in runner.invoke(app, [*command, "new.example"]).stdout.splitlines()
+    told = json.loads(runner.invoke(app, [*command, "new.example", "--json"]).stdout)
+    assert told["warnings"] == [expected]
+    assert runner.invoke(app, [*command, "OLD.example", "--json"]).exit_code == 0
