@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.deploy.certificates import AUTHORITY, Identity
-from pipeline.transport.bus import key_part_error
+from sensors.acquisition.key_parts import named_key_part_error
 from sensors.errors import InputError
 from sensors.json_values import Json
 
@@ -72,9 +72,7 @@ def _with_caches(keys: Sequence[str]) -> list[str]:
 def parse_unit(text: str) -> Unit:
     """TURBINE/UNIT. Raises InputError for anything else."""
     turbine, slash, unit = text.partition("/")
-    wrong = key_part_error(turbine) or key_part_error(unit)
-    if not wrong and " " in text:  # as a layout file has it
-        wrong = "a layout has names without spaces"
+    wrong = named_key_part_error(turbine) or named_key_part_error(unit)
     if not slash or wrong:
         raise InputError(
             f"--unit {text!r} is not TURBINE/UNIT, e.g. t1/tower{': ' + wrong if wrong else ''}"

@@ -10,6 +10,7 @@ from pipeline.oma.windows.block_admission import LimitSettings
 from pipeline.recording.settings import RecordingSettings
 from pipeline.updating.population import StiffnessPopulation, load_population, population_from_json
 from pipeline.updating.settings import UpdatingSettings
+from sensors.acquisition.key_parts import named_key_part_error
 from sensors.acquisition.layout import Coupling, SensorLayout, biaxial_layout
 from sensors.errors import InputError
 from sensors.settings import NEVER_A_KEY
@@ -38,11 +39,8 @@ class TurbineSettings:
     """Sign convention of k12; None: as the description has it."""
 
     def __post_init__(self) -> None:
-        if not self.id or any(letter in self.id for letter in "/*$#? "):
-            raise ScenarioError(
-                f"id is {self.id!r}; a name without spaces and / * $ # ? is needed "
-                "(it becomes part of a Zenoh key)"
-            )
+        if wrong := named_key_part_error(self.id):
+            raise ScenarioError(f"id is {self.id!r}: {wrong}")
 
 
 @dataclass(frozen=True, slots=True)

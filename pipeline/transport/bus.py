@@ -16,6 +16,7 @@ from pipeline.messages import Message
 from pipeline.streams import key_of
 from pipeline.transport.codec import LARGEST_PAYLOAD, decode
 from pipeline.transport.errors import CodecError, TransportError
+from sensors.acquisition.key_parts import key_part_error
 from sensors.bounded_dict import BoundedDict
 
 logger = logging.getLogger(__name__)
@@ -31,7 +32,6 @@ PLACES_KEPT = 1000  # of messages that are gone, before the order of arrival is 
 
 _logging = threading.Lock()
 _logged: BoundedDict[str, int] = BoundedDict()  # refusals by their text, how many an inbox had then
-_NOT_IN_A_KEY = frozenset("/*$?#")
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +258,7 @@ def publishing_key(message: Message) -> str:
     """Return the key on which a message is published.
 
     Raises TransportError where turbine, unit or node is empty or has a character that divides
-    keys or selects many of them.
+    keys, selects many of them or hides them from those who select many.
     """
     for field in ("turbine", "unit", "node"):
         part = getattr(message, field, None)
@@ -266,13 +266,6 @@ def publishing_key(message: Message) -> str:
         if wrong:
             raise TransportError(f"{field} {part!r} of a {type(message).__name__}: {wrong}")
     return key_of(message)
-
-
-def key_part_error(part: str) -> str:
-    """Return why a name cannot be part of a key; "" where it can."""
-    if part and not _NOT_IN_A_KEY.intersection(part):
-        return ""
-    return "it cannot be part of a key, which needs at least one character and none of / * $ ? #"
 
 
 def _opened(delivery: Delivery) -> Message:

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from sensors.acquisition.key_parts import named_key_part_error
 from sensors.acquisition.layout import (
     FORE_AFT,
     SIDE_SIDE,
@@ -137,8 +138,8 @@ class LayoutFile:
             raise LayoutError(f"channel {twice[0]!r} is listed twice")
         for key in ("turbine", "unit"):
             name = getattr(self, key)
-            if not name or any(letter in name for letter in "/*$#? "):
-                raise LayoutError(f"{key} is {name!r}; a name without spaces and / * $ # ?")
+            if wrong := named_key_part_error(name):
+                raise LayoutError(f"{key} is {name!r}: {wrong}")
 
     def wanted(self) -> Wanted:
         """Return what of a file is read."""

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.acquisition.key_parts import named_key_part_error
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.resampling import HALF_LENGTH, interpolated
 from sensors.errors import InputError
@@ -36,11 +37,11 @@ class UnitSettings:
     """Its converter is that much fast; its time stamps are right [ppm]."""
 
     def __post_init__(self) -> None:
-        if not self.name or any(letter in self.name for letter in "/*$#?+ "):
-            raise UnitError(
-                f"unit name is {self.name!r}; a name without spaces and / * $ # ? + is needed "
-                "(it becomes part of a Zenoh key)"
-            )
+        wrong = named_key_part_error(self.name)
+        if not wrong and "+" in self.name:
+            wrong = "a name without + is needed, which joins the names of units"
+        if wrong:
+            raise UnitError(f"unit name is {self.name!r}: {wrong}")
         if not self.start >= 0:
             raise UnitError(f"unit {self.name}: start is {self.start:g} s; it must be 0 or more")
 

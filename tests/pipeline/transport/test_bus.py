@@ -92,7 +92,7 @@ def test_nothing_arrives_after_a_subscription_is_closed(bus: Bus) -> None:
     assert subscription.lost_of(NodeStatus) == subscription.recovered_of(NodeStatus) == 0
 
 
-@pytest.mark.parametrize("turbine", ["", "a/b", "*", "a$b"])
+@pytest.mark.parametrize("turbine", ["", "a/b", "*", "a$b", "@a"])
 def test_a_turbine_that_would_change_the_key_is_refused(bus: Bus, turbine: str) -> None:
     with pytest.raises(TransportError, match="cannot be part of a key"):
         bus.publish(block(0, turbine=turbine))
