@@ -1,7 +1,7 @@
 """The commands of `pilewatch`, each a few lines around a function that does the work.
 
-Exit codes: 0 done; 2 wrong input or nothing could be done (one line gives the reason); 1 a bug or a
-failed node.
+Exit codes: 0 done; 2 wrong input or nothing could be done (one line gives the reason); 75 no
+session answers (to try again may help, as a service does); 1 a bug or a failed node.
 """
 
 import errno
@@ -26,6 +26,7 @@ from pipeline.cli.run import node, run
 from pipeline.cli.status import ack, metrics, notices, status
 from pipeline.cli.update import calibrate, reproduce, update
 from pipeline.runtime.errors import NodeFailed
+from pipeline.transport.errors import UnreachableError
 from sensors.errors import InputError
 
 app = typer.Typer(
@@ -127,7 +128,7 @@ def main() -> None:
         sys.exit(2)
     except InputError as error:
         stderr.print(f"[bold red]pilewatch:[/] {escape_markup(str(error))}", soft_wrap=True)
-        sys.exit(2)
+        sys.exit(os.EX_TEMPFAIL if isinstance(error, UnreachableError) else 2)
     except NodeFailed as failure:
         logging.getLogger(__name__).debug("a node failed", exc_info=True)
         stderr.print(f"[bold red]pilewatch:[/] {escape_markup(str(failure))}", soft_wrap=True)

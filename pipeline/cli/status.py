@@ -79,7 +79,7 @@ def metrics(
     with (
         stop_on_signals() as stopping,
         served(metrics_node, port, address) as served_port,
-        open_session(lambda: ZenohBus(settings)) as bus,
+        open_session(lambda: ZenohBus(settings, stopping)) as bus,
     ):
         stderr.print(f"Metrics at http://{address}:{served_port}/metrics; Ctrl-C ends it.")
         named = ", ".join(where) or f"the sessions of {zenoh_config}"

@@ -37,6 +37,12 @@ COMPUTED = (
     "foundation-event",
     "status/*",
 )  # by nodes of identification and updating, of any turbine
+# Of a service, whose machine may start before the shore; a viewer's command fails at once.
+WAITS_FOR_ITS_SHORE: Json = {
+    "timeout_ms": -1,
+    "exit_on_failure": False,
+    "retry": {"period_init_ms": 500, "period_max_ms": 10000, "period_increase_factor": 2},
+}
 EVERY_KEY = ["pilewatch/**", "pilewatch/**/@adv/**", "pilewatch/@status/**"]
 
 
@@ -172,7 +178,8 @@ def write_configurations(
     clients |= dict.fromkeys(nodes, "nodes of identification and updating")
     clients |= dict.fromkeys(viewers, "receives everything, sends nothing")
     for name, comment in clients.items():
-        client = _session("client", folder, name) | {"connect": {"endpoints": [endpoint]}}
+        link = {"endpoints": [endpoint]} | ({} if name in viewers else WAITS_FOR_ITS_SHORE)
+        client = _session("client", folder, name) | {"connect": link}
         written.append(_written(folder, name, comment, client))
     return written
 

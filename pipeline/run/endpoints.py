@@ -1,5 +1,6 @@
 """How the parts of one session find each other over Zenoh."""
 
+import threading
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -44,10 +45,16 @@ def meeting_point(settings: ZenohSettings) -> ZenohEndpoints:
 
 
 @contextmanager
-def open_hub(meeting: ZenohEndpoints, node: StatusNode, key: str, out: Path) -> Iterator[ZenohBus]:
+def open_hub(
+    meeting: ZenohEndpoints,
+    node: StatusNode,
+    key: str,
+    out: Path,
+    stopping: threading.Event | None,
+) -> Iterator[ZenohBus]:
     """The session that all others connect to; it answers for all, and its folder records where."""
     place = out / ENDPOINT_FILE
-    bus = ZenohBus(meeting.hub)
+    bus = ZenohBus(meeting.hub, stopping)
     node.connections = lambda: Counter(link.name or link.address for link in bus.links())
     try:
         bus.answer(key, node.answer)

@@ -156,9 +156,8 @@ class _Run:
         source = self.source
         meeting, status = meeting_point(self.options.zenoh), StatusNode(source.text)
         key = f"{STATUS_KEY}/{source.layout.turbine}"
-        return _Doors(
-            meeting, status, stack.enter_context(open_hub(meeting, status, key, self.options.out))
-        )
+        hub = open_hub(meeting, status, key, self.options.out, self.stopping)
+        return _Doors(meeting, status, stack.enter_context(hub))
 
     def _outputs(self) -> Outputs:
         """Files and viewers; of a live source with what earlier runs left unanswered."""
@@ -379,7 +378,7 @@ def run_node(
         if name not in plans:
             raise InputError(f"there is no node {name!r}; there are {', '.join(plans)}")
         stack.enter_context(one_blas_thread())
-        bus = stack.enter_context(open_session(lambda: ZenohBus(options.zenoh)))
+        bus = stack.enter_context(open_session(lambda: ZenohBus(options.zenoh, stopping)))
         if options.fresh and name == "updating":
             set_checkpoints_aside(options.out)
         if options.fresh and name == "identification":

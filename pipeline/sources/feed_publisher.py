@@ -11,6 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,7 @@ from pipeline.runtime.source_feed import BlockReport, with_end
 from pipeline.runtime.watchdog import Watchdog
 from pipeline.sources.publisher import kept_until_acknowledged
 from pipeline.sources.spool import Spool
+from pipeline.transport.awaited_bus import AwaitedBus
 from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import LayoutError, SensorLayout
@@ -78,6 +80,9 @@ def publish_feed(
 ) -> FeedResult:
     """Publish what an instrument measures until `stopping` is set.
 
+    It is heard while the session opens too, which waits for its router where its configuration has
+    no limit of time; blocks are spooled meanwhile.
+
     Parameters
     ----------
     layout : SensorLayout
@@ -92,7 +97,7 @@ def publish_feed(
     FeedError
         If the feed cannot be opened.
     TransportError
-        If no endpoint can be reached.
+        If the session cannot be opened.
     """
     kept = None if spool is None else spool.last_of(layout.turbine, layout.unit)
     if kept is not None:
@@ -100,7 +105,7 @@ def publish_feed(
     account = FeedAccount(live, layout, connected=connected)
     watchdog = Watchdog(os.environ)
     with (
-        open_session(lambda: ZenohBus(settings)) as bus,
+        open_session(lambda: AwaitedBus(partial(ZenohBus, settings))) as bus,
         kept_until_acknowledged(bus, spool, account.warn_of) as publish,
     ):
         for message in with_end(account.messages(stopping)):

@@ -260,7 +260,7 @@ def publish_source(
     control = ReplayControl(source, speed, stopping)
     published = 0
     with ExitStack() as stack:
-        bus = stack.enter_context(open_session(lambda: ZenohBus(settings)))
+        bus = stack.enter_context(open_session(lambda: ZenohBus(settings, stopping)))
         assert isinstance(bus, ZenohBus)
         bus.answer(f"{REPLAY_KEY}/{source.layout.turbine}", control.answer)
         publish = stack.enter_context(kept_until_acknowledged(bus, spool))

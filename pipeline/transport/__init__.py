@@ -2,5 +2,6 @@
 
 codec         messages ↔ bytes, by the schema in proto/
 bus           the protocols: Bus, Subscription; Inbox
+awaited_bus   a bus whose session may open later
 zenoh_bus     everything else
 """

@@ -7,6 +7,10 @@ class TransportError(InputError):
     """An endpoint, a key or a transport's configuration that cannot be used."""
 
 
+class UnreachableError(TransportError):
+    """No session answers at an endpoint; the same command may succeed later."""
+
+
 class CodecError(ValueError):
     """Bytes that are no message of the expected type, or a message that cannot be written.
 

@@ -34,7 +34,7 @@ from pipeline.messages import Message
 from pipeline.streams import Stream, stream_of
 from pipeline.transport.bus import Inbox, publishing_key
 from pipeline.transport.codec import encode
-from pipeline.transport.errors import TransportError
+from pipeline.transport.errors import TransportError, UnreachableError
 from pipeline.transport.zenoh_arrivals import (
     FETCH_TIMEOUT,
     HEARTBEAT,
@@ -66,6 +66,7 @@ logger = logging.getLogger(__name__)
 
 BURST = 32  # messages that a link's queue holds for sure, one after the other
 SETTLING = 3 * HEARTBEAT  # after a burst, until what a link dropped has been asked for again [s]
+SIGNALS_WITHIN = 0.1  # are handled while a session is opened [s]
 ALONE = 10.0  # without anybody at the endpoints that were given, until that is said [s]
 MOST_PUBLISHERS = 5000  # of one session: of 1000 turbines' estimates, or posteriors, and their kin
 
@@ -86,13 +87,16 @@ class ZenohBus:
     """One Zenoh session. `publish` belongs to one thread; a subscriber's inbox is filled by
     Zenoh's threads.
 
-    Raises TransportError where the session cannot be opened: a port in use, a client without a
-    router, a configuration that Zenoh does not know.
+    Raises TransportError where the session cannot be opened: a port in use, a configuration that
+    Zenoh does not know; UnreachableError for a client without a router, and for one whose
+    configuration lets it wait for its router, when `stopping` is set meanwhile.
     """
 
-    def __init__(self, settings: ZenohSettings | None = None) -> None:
+    def __init__(
+        self, settings: ZenohSettings | None = None, stopping: threading.Event | None = None
+    ) -> None:
         settings = settings or ZenohSettings()
-        self._session = _opened(settings)
+        self._session = _opened(settings, stopping or threading.Event())
         self._publishers: dict[str, _Publisher] = {}  # by key
         self._began: dict[str, bytes] = {}  # when they were declared, by key
         self._subscriptions: list[ZenohSubscription] = []
@@ -108,10 +112,7 @@ class ZenohBus:
         """Log that a session at these endpoints is still awaited, where nobody is connected."""
         with suppress(zenoh.ZError):  # closed meanwhile
             if not self.links():
-                logger.warning(
-                    "no session answers at %s so far; it is tried again until one does",
-                    ", ".join(endpoints),
-                )
+                _log_alone(endpoints)
 
     def publish(self, message: Message, payload: bytes | None = None) -> None:
         """Send on the message's key. See `Bus`."""
@@ -189,11 +190,11 @@ class ZenohBus:
 def asked(whom: str | ZenohSettings, key_expression: str, payload: bytes = b"") -> list[bytes]:
     """Return what the sessions that can be reached through an endpoint answer on these keys.
 
-    Raises TransportError where nothing listens there.
+    Raises UnreachableError where nothing listens there.
     """
     if isinstance(whom, str):
         whom = ZenohSettings(mode="client", connect=(whom,))
-    session = _opened(whom)
+    session = _opened(whom, threading.Event())
     try:
         replies = session.get(
             key_expression,
@@ -305,8 +306,45 @@ def _subscriber(
     )
 
 
-def _opened(settings: ZenohSettings) -> zenoh.Session:
+def _log_alone(endpoints: Sequence[str]) -> None:
+    logger.warning(
+        "no session answers at %s so far; it is tried again until one does", ", ".join(endpoints)
+    )
+
+
+class _Opening(threading.Thread):
+    """Opens a session, which may take for ever; in the main thread no signal is handled then."""
+
+    def __init__(self, config: zenoh.Config) -> None:
+        super().__init__(name="zenoh-opening", daemon=True)
+        self.session: zenoh.Session | None = None
+        self.failure: zenoh.ZError | None = None
+        self._config = config
+
+    def run(self) -> None:
+        try:
+            self.session = zenoh.open(self._config)
+        except zenoh.ZError as error:
+            self.failure = error
+
+
+def _opened(settings: ZenohSettings, stopping: threading.Event) -> zenoh.Session:
     try:
-        return zenoh.open(configuration(settings))
+        opening = _Opening(configuration(settings))
     except zenoh.ZError as error:
         raise TransportError(explained(settings, str(error))) from error
+    opening.start()
+    alone_at = time.monotonic() + ALONE
+    while opening.is_alive():
+        opening.join(SIGNALS_WITHIN)
+        if stopping.is_set() and opening.is_alive():  # it ends with the process
+            where = ", ".join(settings.endpoints)
+            raise UnreachableError(f"no Zenoh session answered at {where} until the command's end")
+        if time.monotonic() > alone_at:
+            alone_at = math.inf
+            _log_alone(settings.endpoints)
+    if opening.session is not None:
+        return opening.session
+    text = str(opening.failure)
+    kind = UnreachableError if "Unable to connect" in text else TransportError
+    raise kind(explained(settings, text)) from opening.failure

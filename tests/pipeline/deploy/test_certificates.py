@@ -194,6 +194,18 @@ def test_the_configurations_are_ones_that_zenoh_reads(tmp_path: Path) -> None:
     assert told["transport"]["link"]["tls"]["enable_mtls"] is True
 
 
+def test_a_unit_and_a_machine_with_nodes_wait_for_a_shore_that_starts_later(tmp_path: Path) -> None:
+    """A person who looks is told at once that no session answers."""
+    written = write_configurations(
+        tmp_path, [Unit("t1", "tower")], ["viewer"], ["compute"], host="localhost", port=7447
+    )
+    sections = [json.loads(path.read_text().partition("\n")[2]) for path in written]
+    waits = [each.get("connect", {}).get("timeout_ms") == -1 for each in sections]
+    assert [path.stem for path in written] == ["shore", "t1.tower", "compute", "viewer"]
+    assert waits == [False, True, True, False]
+    assert sections[1]["connect"]["exit_on_failure"] is False
+
+
 def shake_hands(client: ssl.SSLObject, server: ssl.SSLObject, wires: list[ssl.MemoryBIO]) -> None:
     """Pass bytes between the two until both have finished."""
     to_server, from_server, to_client, from_client = wires

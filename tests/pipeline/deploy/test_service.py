@@ -71,6 +71,17 @@ def test_a_unit_is_started_again_when_its_messages_stop(unit: str) -> None:
     assert re.search(r"^WatchdogSec=\d+$", text, re.MULTILINE)
 
 
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_unit_whose_shore_is_not_there_yet_is_started_again_for_ever(unit: str) -> None:
+    """By default systemd gives up after five starts in ten seconds."""
+    text = (EXAMPLES / unit).read_text()
+    kept_off = re.findall(r"^RestartPreventExitStatus=(.*)$", text, re.MULTILINE)
+
+    assert kept_off == ["2"]
+    assert "\nRestart=always\n" in text
+    assert "\nStartLimitIntervalSec=0\n" in text.partition("[Service]")[0]
+
+
 def test_the_compose_file_brings_up_a_session_with_prometheus_and_grafana() -> None:
     yaml = pytest.importorskip("yaml")
     compose = yaml.safe_load((EXAMPLES / "compose-session.yaml").read_text())

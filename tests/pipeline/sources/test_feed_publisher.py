@@ -1,7 +1,13 @@
 """A live instrument on the bus."""
 
+import json
+import signal
 import socket
+import subprocess
+import sys
 import threading
+import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -26,6 +32,7 @@ from sensors.feeds.live import LiveFeed
 from sensors.feeds.open_feed import layout_file_of, open_feed
 from sensors.feeds.protocol import ChannelSamples
 from sensors.files.layout_file import LayoutFile, MappedChannel
+from tests.pipeline.transport.test_bus import PATIENCE
 from tests.sensors.feeds.scripted import ScriptedFeed
 from tests.sensors.feeds.test_udp import frame
 
@@ -224,3 +231,92 @@ def test_a_session_listens_to_an_instrument_itself(
     assert session.figures["stream"]["published"] == session.figures["stream"]["recorded"] == 19
     assert session.figures["stream"]["lost"] == 0
     assert [(gap.first_sequence, gap.n_blocks) for gap in session.summary.main.gaps] == [(7, 1)]
+
+
+WAITING_CLIENT = '{mode: "client", connect: {endpoints: ["%s"], timeout_ms: -1}}'
+FEED = """
+import sys
+from pipeline.cli import main
+sys.argv[0] = "pilewatch"
+main()
+"""
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Return when it holds."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+def test_a_feed_without_its_shore_listens_spools_and_ends_when_it_is_asked_to(
+    tmp_path: Path, name: str
+) -> None:
+    """It waited for the shore without its port open, and took no signal."""
+    config, layout = tmp_path / "unit.json5", tmp_path / "layout.toml"
+    config.write_text(WAITING_CLIENT % free_endpoint())
+    layout.write_text('[[channels]]\nname = "ax"\nelevation = 100.0\ndirection = [1, 0, 0]\n')
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as sender:
+        sender.bind(("127.0.0.1", 0))
+        port = sender.getsockname()[1]
+    words = ["feed", f"udp://:{port}", "--layout", str(layout), "--zenoh-config", str(config)]
+    process = subprocess.Popen(
+        [sys.executable, "-c", FEED, *words, "--spool", str(tmp_path / "spool"), "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+    def is_spooled() -> bool:
+        with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as sender:
+            sender.sendto(frame(numbers.pop(0)), ("127.0.0.1", port))
+        files = (tmp_path / "spool").glob("*.blocks")
+        return sum(path.stat().st_size for path in files) > 1000
+
+    numbers = list(range(1000))
+    until(is_spooled)
+    process.send_signal(getattr(signal, name))
+    printed, logged = process.communicate(timeout=5.0)
+    assert process.returncode == 0, logged
+    assert json.loads(printed)["blocks"] > 0
+    assert "not acknowledged by a shore station; they stay in" in logged
+
+
+def test_what_a_feed_measured_before_its_shore_was_there_arrives(tmp_path: Path) -> None:
+    endpoint, stopping, inbox = free_endpoint(), threading.Event(), Inbox()
+    config = tmp_path / "unit.json5"
+    config.write_text(WAITING_CLIENT % endpoint)
+    feed = ScriptedFeed([second(number) for number in range(10)])
+    live = LiveFeed(feed, Assembler(LAYOUT, feed.counts))
+    measured: list[AccelerationBlock] = []
+    publisher = threading.Thread(
+        target=publish_feed,
+        args=(live, sensor_layout(LAYOUT), ZenohSettings(config_file=config)),
+        kwargs={"stopping": stopping, "report": measured.append},
+    )
+    publisher.start()
+    until(lambda: len(measured) >= 8)
+    with closing(ZenohBus(ZenohSettings(mode="router", listen=(endpoint,)))) as bus:
+        bus.subscribe((SensorLayout, AccelerationBlock), inbox)
+        heard = [inbox.get(timeout=PATIENCE) for _ in range(9)]
+        stopping.set()
+        publisher.join()
+    blocks = [each for each in heard if isinstance(each, AccelerationBlock)]
+    assert sensor_layout(LAYOUT) in heard
+    assert [each.sequence for each in blocks] == list(range(8))
+
+
+def test_a_shore_that_does_not_answer_is_no_mistake_that_a_person_has_to_correct(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A service is started again after the one exit code, and not after the other."""
+    (tmp_path / "layout.toml").write_text(
+        '[[channels]]\nname = "ax"\nelevation = 100.0\ndirection = [1, 0, 0]\n'
+    )
+    endpoint = free_endpoint()
+    words = ["udp://:0", "--layout", str(tmp_path / "layout.toml"), "--no-keep"]
+    assert exit_of("feed", *words, "--mode", "client", "--connect", endpoint) == 75
+    assert f"no Zenoh session answers at {endpoint}" in capsys.readouterr().err
+    assert exit_of("feed", *words, "--zenoh-config", str(tmp_path / "none.json5")) == 2

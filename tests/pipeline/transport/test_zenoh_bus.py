@@ -21,7 +21,7 @@ from pipeline.messages import NodeStatus, WindowRejected
 from pipeline.streams import stream_of
 from pipeline.transport import zenoh_arrivals, zenoh_bus
 from pipeline.transport.bus import Inbox
-from pipeline.transport.errors import TransportError
+from pipeline.transport.errors import TransportError, UnreachableError
 from pipeline.transport.zenoh_arrivals import (
     Beginnings,
     Publisher,
@@ -277,6 +277,27 @@ def test_a_client_without_a_router_is_one_clear_line() -> None:
     endpoint = free_endpoint()
     message = refusal(ZenohSettings(mode="client", connect=(endpoint,)))
     assert message == f"no Zenoh session answers at {endpoint}; a client needs a router"
+
+
+def waiting_client(folder: Path, endpoint: str) -> ZenohSettings:
+    """A client that waits for its router, as a tower unit does."""
+    path = folder / "client.json5"
+    path.write_text(
+        f'{{mode: "client", connect: {{endpoints: ["{endpoint}"], timeout_ms: -1}}}}',
+        encoding="utf-8",
+    )
+    return ZenohSettings(config_file=path)
+
+
+def test_a_client_that_waits_for_its_router_ends_when_it_is_asked_to(tmp_path: Path) -> None:
+    """Zenoh itself waits in the thread that opens, where no signal is handled meanwhile."""
+    endpoint, stopping = free_endpoint(), threading.Event()
+    ending = threading.Timer(0.3, stopping.set)
+    ending.start()
+    began = time.monotonic()
+    with pytest.raises(UnreachableError, match=f"no Zenoh session answered at {endpoint}"):
+        ZenohBus(waiting_client(tmp_path, endpoint), stopping)
+    assert time.monotonic() - began < 5.0
 
 
 def test_an_endpoint_that_is_none_is_one_clear_line() -> None:
