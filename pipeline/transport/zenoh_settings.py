@@ -16,6 +16,14 @@ ANY_LOCAL_PORT = f"tcp/{LOOPBACK}:0"
 LARGEST_MESSAGE = 16 * 2**20  # that a link takes in [bytes]: twice what the codec does
 FIRST_RETRY_MS = 100  # to connect to a hub that is not there yet
 LONGEST_RETRY_MS = 1000
+PEM_BEGINS = b"-----BEGIN "
+CERTIFICATE_FILES = (  # of transport/link/tls
+    "root_ca_certificate",
+    "listen_private_key",
+    "listen_certificate",
+    "connect_private_key",
+    "connect_certificate",
+)
 WITH_PORT = ("tcp", "tls", "udp", "quic", "ws")  # protocols whose endpoints are a host and a port
 
 _MESSAGE_OF_ERROR = re.compile(r'msg: "(.*)", location', re.DOTALL)
@@ -87,6 +95,7 @@ def configuration(settings: ZenohSettings) -> zenoh.Config:
     config = zenoh.Config()
     if settings.config_file is not None:
         config = configuration_file(settings.config_file)
+        _require_certificates(settings.config_file, config)
     for entry, value in _entries(settings).items():
         config.insert_json5(entry, json.dumps(value))
     return config
@@ -132,6 +141,29 @@ def configuration_file(path: Path) -> zenoh.Config:
         raise TransportError(
             f"{path} is no Zenoh configuration: {without_source(str(error))}"
         ) from error
+
+
+def _require_certificates(path: Path, config: zenoh.Config) -> None:
+    """Raise TransportError for a certificate or key that a file names and that cannot be read.
+
+    Zenoh connects without it, and reports that no session answers.
+    """
+    files = json.loads(config.get_json("transport/link/tls"))
+    for entry in CERTIFICATE_FILES:
+        name = files.get(entry)
+        if name is None:
+            continue
+        try:
+            is_pem = PEM_BEGINS in Path(name).read_bytes()
+        except OSError as error:
+            raise TransportError(
+                f"cannot read {name}: {error.strerror}; {path} names it ({entry}), and the user "
+                "that the command runs as must be able to read it"
+            ) from error
+        if not is_pem:
+            raise TransportError(
+                f"{name} has no certificate or key (PEM); {path} names it ({entry})"
+            )
 
 
 def _in_file(config: zenoh.Config, key: str) -> tuple[str, ...]:

@@ -30,7 +30,8 @@ from pipeline.messages import (
     WindowRejected,
 )
 from pipeline.streams import stream_of
-from pipeline.transport.zenoh_bus import ZenohSettings
+from pipeline.transport.errors import TransportError
+from pipeline.transport.zenoh_bus import ZenohBus, ZenohSettings
 from sensors.errors import InputError
 
 NAMES = ["shore", "t1.tower", "viewer"]
@@ -204,6 +205,24 @@ def test_a_unit_and_a_machine_with_nodes_wait_for_a_shore_that_starts_later(tmp_
     assert [path.stem for path in written] == ["shore", "t1.tower", "compute", "viewer"]
     assert waits == [False, True, True, False]
     assert sections[1]["connect"]["exit_on_failure"] is False
+
+
+@pytest.mark.parametrize("file", ["t1.tower-key.pem", "t1.tower.pem", "ca.pem"])
+def test_a_certificate_that_cannot_be_read_is_named_before_the_session_opens(
+    tmp_path: Path, file: str
+) -> None:
+    """Zenoh connects without it and reports that no session answers, or waits for ever."""
+    names = ["shore", "t1.tower"]
+    make_certificates(tmp_path, names, host="localhost")
+    units = [Unit("t1", "tower")]
+    _, path = write_configurations(tmp_path, units, [], host="localhost", port=7447)
+    (tmp_path / file).write_text("nonsense")
+    with pytest.raises(TransportError, match=rf"{file} has no certificate or key \(PEM\); .*json5"):
+        ZenohBus(ZenohSettings(config_file=path))
+    (tmp_path / file).unlink()
+    (tmp_path / file).mkdir()  # root reads every file, and no folder
+    with pytest.raises(TransportError, match=rf"cannot read .*{file}: Is a directory; .*json5"):
+        ZenohBus(ZenohSettings(config_file=path))
 
 
 def shake_hands(client: ssl.SSLObject, server: ssl.SSLObject, wires: list[ssl.MemoryBIO]) -> None:
