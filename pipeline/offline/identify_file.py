@@ -244,7 +244,8 @@ def _read(
     """Return the channels, their rate, those left out, and where the stated rate is not theirs."""
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
-    table = measured_channels(path, layout, time, rate_known=sampling_rate is not None)
+    known = sampling_rate is not None
+    table = measured_channels(path, layout, time, rate_known=known).table
     unused: tuple[UnusedChannel, ...] = ()
     if layout is None and path.suffix != ".mcap":
         columns, unused = split_motions(table, str(path))

@@ -160,23 +160,27 @@ def read(
     layout: str | os.PathLike[str] | None = None,
     dates: Literal["day-first", "month-first"] | None = None,
     zone: str = "",
+    turbine: str | None = None,
 ) -> Measurement:
     """Read a recording (MCAP) or a file of measurements.
 
     Parameters
     ----------
     path : str or path
-        MCAP, CSV, TSV, Parquet, NPZ, HDF5, MATLAB, TDMS, miniSEED, ….
+        MCAP, CSV, TSV, Parquet, NPZ, HDF5, MATLAB, TDMS, miniSEED, …; or a session's folder.
     sampling_rate : float, optional
         [Hz]; needed where the file has neither a rate nor a time column. Time stamps that
         increase are followed all the same; a warning is logged where they have another rate.
     layout : str or path, optional
-        Layout file (TOML): which channels, where they are, in what units.
+        Layout file (TOML): which channels, where they are, in what units. By default the places
+        are those that a recording states, or names such as "z145-fa".
     dates : str, optional
         What comes first in dates such as 3/4/2024, "day-first" or "month-first"; None: as the dates
         of the file show, which is an error where they leave it open.
     zone : str, optional
         Time zone of dates that state none, such as "Europe/Berlin"; UTC by default.
+    turbine : str, optional
+        Of a recording; by default the first one, where a warning is logged if there are others.
 
     Returns
     -------
@@ -185,10 +189,10 @@ def read(
     Raises
     ------
     InputError
-        If the file cannot be read or its sampling rate is not known.
+        If the file cannot be read, lacks the turbine, or its sampling rate is not known.
     """
     from pipeline.offline.measured_file import measured_channels
-    from sensors.files.layout_file import layout_by_names, load_layout
+    from sensors.files.layout_file import load_layout
     from sensors.files.stated_rate import with_stated_rate
     from sensors.files.text.columns import log_once
 
@@ -199,7 +203,9 @@ def read(
     if dates not in (None, "day-first", "month-first"):
         raise InputError(f"dates is {dates!r}; it can be 'day-first' or 'month-first'")
     time = TimeColumn(dates=dates, zone=zone)
-    table = measured_channels(file, mapping, time, rate_known=sampling_rate is not None)
+    known = sampling_rate is not None
+    placed = measured_channels(file, mapping, time, rate_known=known, turbine=turbine)
+    table = placed.table
     rate = table.sampling_rate
     if sampling_rate is not None:
         stated = positive("sampling_rate", sampling_rate, "Hz")
@@ -210,14 +216,13 @@ def read(
         raise InputError(
             f"{file} has neither a sampling rate nor a time column: give sampling_rate [Hz]"
         )
-    known = mapping or layout_by_names(table.names)
     return Measurement(
         samples=table.samples,
         sampling_rate=rate,
         channels=table.names,
         units=table.units,
         start_ns=table.start_ns,
-        layout=None if known is None else known.sensor_layout(table),
+        layout=placed.layout,
         quantities=table.quantities,
         rotor_speed=table.rotor_speed,
         stamps=None if table.sampling_rate is None else table.times,  # None: they stand still

@@ -51,7 +51,7 @@ def test_identify_reads_the_same_samples_times_and_units_from_the_csv(
     minute: Path, tmp_path: Path
 ) -> None:
     (samples,) = export(minute, tmp_path / "out", "csv")
-    ours, theirs = recorded_channels(minute), read_file(samples.path)
+    ours, theirs = recorded_channels([minute]).table, read_file(samples.path)
     assert same_channels(ours, theirs)
     assert theirs.start_ns == ours.start_ns
     assert ours.times is not None
@@ -66,7 +66,7 @@ def test_a_simulated_recording_survives_the_way_out_and_back(
 ) -> None:
     files = export(short_recording, tmp_path / "out", "csv")
     (samples,) = (each.path for each in files if each.path.stem.startswith("samples"))
-    assert same_channels(recorded_channels(short_recording), read_file(samples))
+    assert same_channels(recorded_channels([short_recording]).table, read_file(samples))
 
 
 def test_a_gap_is_missing_rows_in_parquet_times_are_exact(minute: Path, tmp_path: Path) -> None:
