@@ -229,11 +229,13 @@ def identify(
         Accelerations, velocities or displacements under ambient load, in any unit. Of a file,
         channels that are no motion (wind, power) or never change are left out, with a warning.
     sampling_rate : float, optional
-        [Hz]; needed with an array, unless it is a table indexed by time stamps.
+        [Hz]; needed with an array, unless it is a table indexed by time stamps. Stamps that
+        increase are followed all the same, with a warning where they have another rate.
     channels : sequence of str, optional
         Channel names of an array; a table's columns by default.
     layout : SensorLayout, optional
-        Where the channels of an array are; `update` needs it.
+        Which channels to use and where they are; `update` needs it. An array without names has
+        those of the layout.
     window : float, optional
         Length of one window [s]; the whole record by default.
     rotor_speed : float or array_like, shape (n_samples,), optional
@@ -247,41 +249,59 @@ def identify(
     Raises
     ------
     InputError
-        If the samples have no rate or not two axes, or the window does not fit.
+        If the samples have no rate or not two axes, or an argument does not fit them: a window
+        longer than the record, another rate or `channels` beside what states its own, a layout with
+        channels that are not there, a negative rotor speed.
     """
     from pipeline.offline.identify_file import identify_table
     from sensors.files.channel_names import UnusedChannel, split_motions
 
-    measured = measurement_of(samples, sampling_rate, channels, layout)
+    measured, note = measurement_of(samples, sampling_rate, channels, layout)
     speed = measured.rotor_speed if rotor_speed is None else _speed(rotor_speed, measured)
     table = replace(measured.table, rotor_speed=speed)
     unused: tuple[UnusedChannel, ...] = ()
     if isinstance(samples, Measurement | str | os.PathLike) and measured.layout is None:
         columns, unused = split_motions(replace(table, times=None))
         table = table.only(columns)
-    length = _window_samples(measured, window)
-    rate, places = measured.sampling_rate, measured.layout
-    found = identify_table(table, rate, length, unused=unused, layout=places)
-    return Modes(found.estimates, found.rejected, found.channels, places)
+    found = identify_table(
+        table,
+        measured.sampling_rate,
+        _window_samples(measured, window),
+        unused=unused,
+        warnings=(QualityWarning("sampling-rate", note),) if note else (),
+        layout=measured.layout,
+    )
+    return Modes(found.estimates, found.rejected, found.channels, measured.layout)
 
 
 def _speed(rotor_speed: float | ArrayLike, measured: Measurement) -> FloatArray:
     """At each sample [rpm]."""
-    given = np.asarray(rotor_speed, dtype=np.float64)
+    try:
+        given = np.asarray(rotor_speed, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"rotor_speed is {rotor_speed!r}; numbers are needed [rpm]") from None
     if given.shape not in ((), (len(measured.samples),)):
         raise InputError(
             f"rotor_speed has the shape {given.shape}; one number or one a sample, "
             f"({len(measured.samples)},), is needed [rpm]"
         )
-    return np.broadcast_to(given, len(measured.samples))
+    speeds = np.broadcast_to(given, len(measured.samples))
+    wrong = np.flatnonzero(~(np.isfinite(speeds) & (speeds >= 0)))
+    if wrong.size:
+        where = f" at sample {wrong[0]}" if given.shape else ""
+        raise InputError(
+            f"rotor_speed is {speeds[wrong[0]]:g} rpm{where}; a finite number, 0 or more, is needed"
+        )
+    return speeds
 
 
 def _window_samples(measured: Measurement, window: float | None) -> int:
+    from pipeline.offline.identify_file import window_samples
+
     if window is None:
         return len(measured.samples)
-    if positive("window", window, "s") > measured.duration * (1 + 1e-9):
-        raise InputError(f"window is {window:g} s; the record is {measured.duration:.6g} s long")
-    return round(window * measured.sampling_rate)
+    length = positive("window", window, "s")
+    return window_samples("window", length, len(measured.samples), measured.sampling_rate)
 
 
 def with_layout(modes: Modes, layout: SensorLayout) -> Modes:

@@ -170,7 +170,7 @@ def test_a_block_that_does_not_fit_its_layout_is_left_out_with_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     narrow = replace(BLOCKS[7], samples=BLOCKS[7].samples[:, :5].copy())
-    messages = [LAYOUT, *BLOCKS[:7], narrow, *BLOCKS[8:]]
+    messages: list[Message] = [LAYOUT, *BLOCKS[:7], narrow, *BLOCKS[8:]]
     found = recorded_channels([recorded(tmp_path / "a.mcap", messages)])
     assert len(found.table.samples) == 39 * 40
     assert "1 of 40 blocks of unit tower are left out" in caplog.text
