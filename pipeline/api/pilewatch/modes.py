@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pipeline.messages import ModalEstimate, Mode, QualityWarning, WindowRejected
+from sensors.acquisition.blocks import has_clock
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray, one_blas_thread
 
@@ -20,6 +21,12 @@ from .measurement import Measurement, measurement_of, positive
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+
+MODE_COLUMNS = (
+    *("window", "start", "mode", "frequency_hz", "frequency_std_hz"),
+    *("damping_ratio", "damping_ratio_std", "quality"),
+)  # of a table of modes, before the channels
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -82,12 +89,12 @@ class Modes:
         -------
         pandas.DataFrame
             window, start (UTC; NaT without a clock), mode, frequency_hz, frequency_std_hz,
-            damping_ratio, damping_ratio_std, quality, then one column a channel with the shape.
+            damping_ratio, damping_ratio_std, quality, then one column a channel with the shape, NaN
+            in windows without the channel; one that is called like a column before it is "NAME
+            (shape)".
         """
-        from sensors.acquisition.blocks import has_clock
-
         pandas = require("pandas")
-        rows = [
+        figures = [
             {
                 "window": estimate.window,
                 "start": pandas.Timestamp(estimate.start_ns, tz="UTC")
@@ -100,11 +107,18 @@ class Modes:
                 "damping_ratio_std": mode.damping_ratio_std,
                 "quality": mode.quality,
             }
-            | dict(zip(self.channels, mode.shape.tolist(), strict=True))
             for estimate in self.estimates
             for mode in estimate.modes
         ]
-        return pandas.DataFrame(rows)
+        table = pandas.DataFrame(figures, columns=list(MODE_COLUMNS))
+        used = [name for estimate in self.estimates for name in estimate.channels]
+        columns = channel_columns(dict.fromkeys(used or self.channels), MODE_COLUMNS)
+        shapes = [
+            {columns[name]: each for name, each in zip(estimate.channels, mode.shape, strict=True)}
+            for estimate in self.estimates
+            for mode in estimate.modes
+        ]
+        return table.join(pandas.DataFrame(shapes, columns=list(columns.values()), dtype=float))
 
     def to_xarray(self) -> xr.Dataset:
         """Return the last window's modes: frequency, damping ratio and shape with their std."""
@@ -118,7 +132,8 @@ class Modes:
         return xarray.Dataset(per_mode | shapes, coords=coordinates)
 
     def plot(self) -> Any:
-        """Draw the frequencies of all windows with their 90 % intervals.
+        """Draw the frequencies of all windows with their 90 % intervals, over the windows' starts;
+        one window after the other where no clock is known.
 
         Returns
         -------
@@ -126,12 +141,16 @@ class Modes:
         """
         pyplot = require("matplotlib.pyplot")
         _, axis = pyplot.subplots(figsize=(9, 5))
-        for estimate in self.estimates:
+        clocked = all(has_clock(estimate.start_ns) for estimate in self.estimates)
+        for number, estimate in enumerate(self.estimates):
             stds = np.array([mode.frequency_std for mode in estimate.modes])
             frequencies = [mode.frequency for mode in estimate.modes]
-            place = np.full(len(frequencies), estimate.window)
+            # not by their number, which begins again with a session
+            start = np.datetime64(estimate.start_ns, "ns") if clocked else number
+            place = np.full(len(frequencies), start)
             axis.errorbar(place, frequencies, yerr=1.645 * stds, fmt=".", color="C0")
-        axis.set(xlabel="window", ylabel="natural frequency [Hz]", yscale="log")
+        when = "start of the window (UTC)" if clocked and self.estimates else "window"
+        axis.set(xlabel=when, ylabel="natural frequency [Hz]", yscale="log")
         return axis
 
     def plot_shapes(self) -> Any:
@@ -150,13 +169,28 @@ class Modes:
         return draw_shapes(self.shapes, self.frequencies, self.channels, self.layout)
 
 
+def channel_columns(channels: Iterable[str], others: Collection[str]) -> dict[str, str]:
+    """Return the column of each channel in a table that has other columns too: its name, or
+    "NAME (shape)" where another column is called so."""
+    columns: dict[str, str] = {}
+    for name in channels:
+        column = name
+        while column in others or column in columns.values():
+            column += " (shape)"
+        columns[name] = column
+    return columns
+
+
 def draw_shapes(
     shapes: FloatArray,
     frequencies: FloatArray,
     channels: Sequence[str],
     layout: SensorLayout | None,
 ) -> Any:
-    """Draw mode shapes, one panel a mode, one line a direction.
+    """Draw mode shapes, one panel a mode, one line a direction of the tower.
+
+    At each height it is the displacement that its sensors show, as in the viewer: one that points
+    the other way round is turned. A direction that they measure less than across is not drawn.
 
     Parameters
     ----------
@@ -181,34 +215,60 @@ def draw_shapes(
     rows = -(-len(shapes) // columns)
     size = (1.7 * columns, 3.0 * rows)
     _, axes = pyplot.subplots(rows, columns, sharex=True, sharey=True, figsize=size, squeeze=False)
-    heights = np.arange(len(channels)) if layout is None else layout.elevations
     for axis, shape, frequency in zip(axes.flat, shapes, frequencies, strict=False):
-        for name, chosen in _by_direction(layout, len(channels)).items():
-            axis.plot(shape[chosen], heights[chosen], "o-", markersize=3, label=name)
+        for line in _shape_lines(shape, channels, layout):
+            axis.plot(line.components, line.heights, "o-", markersize=3, label=line.name)
         axis.axvline(0.0, color="grey", linewidth=0.6)
         axis.set_title(f"{frequency:.4g} Hz")
     for axis in axes.flat[len(shapes) :]:
         axis.remove()
     axes[0, 0].set_ylabel("elevation [m]" if layout is not None else "channel")
     if layout is None:
-        axes[0, 0].set_yticks(heights, list(channels))
+        axes[0, 0].set_yticks(np.arange(len(channels)), list(channels))
     else:
         axes[0, 0].legend(fontsize="small")
     return axes
 
 
-def _by_direction(layout: SensorLayout | None, n_channels: int) -> dict[str, list[int]]:
-    """Name of a direction → its channels, lowest first."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _ShapeLine:
+    """A shape's components along one direction."""
+
+    name: str
+    components: FloatArray
+    """(n_heights,) [-]"""
+    heights: FloatArray
+    """(n_heights,) [m]; without a layout the channels' numbers."""
+
+
+def _shape_lines(
+    shape: FloatArray, channels: Sequence[str], layout: SensorLayout | None
+) -> list[_ShapeLine]:
+    """Each direction that is measured, lowest height first."""
     if layout is None:
-        return {"": list(range(n_channels))}
-    found: dict[str, list[int]] = {}
-    names = ("fore-aft", "side-side", "vertical")
-    for number, channel in enumerate(layout.channels):
-        name = names[int(np.argmax(np.abs(channel.direction)))]
-        found.setdefault(name, []).append(number)
-    return {
-        name: sorted(chosen, key=lambda i: layout.elevations[i]) for name, chosen in found.items()
-    }
+        return [_ShapeLine("", shape, np.arange(len(channels), dtype=np.float64))]
+    from pipeline.viewer.pictures.scene import deflection
+
+    found = deflection(layout, channels, shape)
+    seen = np.array([_seen(layout, channels, height) for height in found.elevations])
+    return [
+        _ShapeLine(name, found.displacements[at, axis], found.elevations[at])
+        for axis, name in enumerate(("fore-aft", "side-side", "vertical"))
+        if (at := seen[:, axis]).any()
+    ]
+
+
+def _seen(layout: SensorLayout, channels: Sequence[str], height: float) -> NDArray[np.bool_]:
+    """(3,) whether the sensors at a height measure each axis of the tower at least as much as what
+    is across to it."""
+    used = [
+        channel.direction
+        for channel in layout.channels
+        if channel.name in channels and channel.elevation == height
+    ]
+    directions = np.array(used)
+    share = np.diag(np.linalg.pinv(directions) @ directions)  # cos² to what they span
+    return np.asarray(share >= 0.5 - 1e-9)
 
 
 @one_blas_thread()
