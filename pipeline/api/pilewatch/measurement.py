@@ -326,11 +326,7 @@ def measurement_of(
     """
     if not isinstance(samples, Measurement | str | os.PathLike):
         return _measurement_of_array(samples, sampling_rate, channels, layout)
-    if channels is not None:
-        raise InputError(
-            f"channels are {list(channels)!r}; a file or a Measurement has its own names, channels "
-            "are those of an array"
-        )
+    _refuse_names(channels)
     if isinstance(samples, Measurement):
         measured, note = samples, ""
         _require_rate_of(samples, sampling_rate)
@@ -338,6 +334,15 @@ def measurement_of(
     else:
         measured, note = _read(samples, sampling_rate)
     return (measured if layout is None else _placed(measured, layout)), note
+
+
+def _refuse_names(channels: Sequence[str] | None) -> None:
+    if channels is None:
+        return
+    raise InputError(
+        f"channels are {list(channels)!r}; a file or a Measurement has its own names, channels "
+        "are those of an array"
+    )
 
 
 def _require_rate_of(measured: Measurement, sampling_rate: float | None) -> None:
@@ -480,6 +485,7 @@ def positive(name: str, value: object, unit: str) -> float:
     InputError
         If it is none.
     """
-    if isinstance(value, str) or not np.isscalar(value) or not 0 < value < float("inf"):  # type: ignore[operator]
+    is_number = np.isscalar(value) and not isinstance(value, str | bytes | bool | complex)
+    if not is_number or not 0 < value < float("inf"):  # type: ignore[operator]
         raise InputError(f"{name} is {value!r}; a number above 0 is needed [{unit}]")
     return float(value)  # type: ignore[arg-type]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pipeline.messages import ModalEstimate, Mode, QualityWarning, WindowRejected
 from sensors.acquisition.blocks import has_clock
@@ -244,31 +244,26 @@ class _ShapeLine:
 def _shape_lines(
     shape: FloatArray, channels: Sequence[str], layout: SensorLayout | None
 ) -> list[_ShapeLine]:
-    """Each direction that is measured, lowest height first."""
+    """Each direction that is measured, lowest height first: of the sensors at a height, the
+    smallest displacement that explains all of them best, as `deflection` of the viewer."""
     if layout is None:
         return [_ShapeLine("", shape, np.arange(len(channels), dtype=np.float64))]
-    from pipeline.viewer.pictures.scene import deflection
-
-    found = deflection(layout, channels, shape)
-    seen = np.array([_seen(layout, channels, height) for height in found.elevations])
+    by_name = {channel.name: channel for channel in layout.channels}
+    elevations = np.array([by_name[name].elevation for name in channels])
+    directions = np.array([by_name[name].direction for name in channels])
+    heights = np.unique(elevations)
+    displacements, shares = np.empty((2, len(heights), 3))
+    for number, height in enumerate(heights):
+        own = elevations == height
+        inverse = np.linalg.pinv(directions[own])
+        displacements[number] = inverse @ shape[own]
+        shares[number] = np.diag(inverse @ directions[own])  # cos² from an axis to what is measured
+    seen = shares >= 0.5 - 1e-9
     return [
-        _ShapeLine(name, found.displacements[at, axis], found.elevations[at])
+        _ShapeLine(name, displacements[at, axis], heights[at])
         for axis, name in enumerate(("fore-aft", "side-side", "vertical"))
         if (at := seen[:, axis]).any()
     ]
-
-
-def _seen(layout: SensorLayout, channels: Sequence[str], height: float) -> NDArray[np.bool_]:
-    """(3,) whether the sensors at a height measure each axis of the tower at least as much as what
-    is across to it."""
-    used = [
-        channel.direction
-        for channel in layout.channels
-        if channel.name in channels and channel.elevation == height
-    ]
-    directions = np.array(used)
-    share = np.diag(np.linalg.pinv(directions) @ directions)  # cos² to what they span
-    return np.asarray(share >= 0.5 - 1e-9)
 
 
 @one_blas_thread()
