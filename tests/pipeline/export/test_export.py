@@ -124,6 +124,14 @@ def test_other_channels_of_a_unit_go_on_in_another_file(tmp_path: Path) -> None:
     assert read_file(files[1].path).names == fewer.channel_names
 
 
+def test_turbines_whose_layouts_share_an_id_have_their_own_channels(tmp_path: Path) -> None:
+    other = replace(LAYOUT, turbine="t2", channels=LAYOUT.channels[::-1])
+    blocks = [block(0), block(0, turbine="t2")]
+    files = export(recorded(tmp_path / "two.mcap", [LAYOUT, other, *blocks]), tmp_path / "o", "csv")
+    names = {each.path.stem: read_file(each.path).names for each in files}
+    assert names == {NAME: LAYOUT.channel_names, "samples-t2-tower": other.channel_names}
+
+
 def test_each_layout_of_a_unit_has_a_number_of_its_own(tmp_path: Path) -> None:
     layouts = [replace(LAYOUT, layout_id=f"layout {n}") for n in range(4)]
     blocks = [replace(block(n), layout_id=each.layout_id) for n, each in enumerate(layouts)]
