@@ -191,7 +191,7 @@ def test_two_units_give_the_same_posterior_in_lock_step_over_zenoh_and_replayed(
         np.testing.assert_array_equal(posterior.draws, reference.draws)
     (estimate,) = read_messages(tmp_path / "threads" / "session.mcap", (ModalEstimate,))
     assert len(estimate.channels) == 8
-    table = recorded_channels(recording)
+    table = recorded_channels([recording]).table
     assert table.names == estimate.channels
     assert table.samples.shape[0] == pytest.approx(124.6 * 40, abs=40)
     assert figures(tmp_path / "threads")["stream"]["lost"] == 0

@@ -132,13 +132,13 @@ def recorded_samples(
     files: list[Path],
 ) -> Iterator[tuple[AccelerationBlock, SensorLayout | None]]:
     """Yield each block once, in order of time, with its layout where that is known."""
-    layouts: dict[str, SensorLayout] = {}
+    layouts: dict[tuple[str, str, str], SensorLayout] = {}  # ids are of one unit alone
     recorded: Iterator[SensorMessage] = (each for file in files for each in sensor_messages(file))
     for message in each_block_once(ReplayedTower(recorded)):
         if isinstance(message, SensorLayout):
-            layouts[message.layout_id] = message
+            layouts[message.turbine, message.unit, message.layout_id] = message
         elif isinstance(message, AccelerationBlock):
-            yield message, layouts.get(message.layout_id)
+            yield message, layouts.get((message.turbine, message.unit, message.layout_id))
 
 
 def _export_results(files: list[Path], tables: _TableFiles) -> None:

@@ -154,13 +154,46 @@ def identify_file(
             f"--lowest-frequency {lowest:g} Hz: {path} is sampled at {rate:g} Hz, which reaches to "
             f"{rate / 2:g} Hz"
         )
-    duration = len(table.samples) / rate
-    if window is not None and not 0 < window <= duration * (1 + 1e-9):
-        if not window > 0:
-            raise InputError(f"--window is {window:g} s; it must be positive")
-        raise InputError(f"--window {window:g} s does not fit: {path} is {duration:.6g} s long")
-    length = len(table.samples) if window is None else round(window * rate)
+    length = len(table.samples)
+    if window is not None:
+        length = window_samples("--window", window, length, rate, str(path))
     return identify_table(table, rate, length, settings=settings, unused=unused, warnings=warnings)
+
+
+def window_samples(
+    argument: str, window: float, n_samples: int, rate: float, origin: str = "the record"
+) -> int:
+    """Return the samples of a window of a stated length.
+
+    Parameters
+    ----------
+    argument : str
+        What states it, for an error.
+    window : float
+        [s]
+    n_samples : int
+        Of the record.
+    rate : float
+        Sampling rate [Hz].
+    origin : str
+        What to call the record in an error.
+
+    Raises
+    ------
+    InputError
+        If it is not positive, longer than the record or shorter than one sample.
+    """
+    duration = n_samples / rate
+    if not window > 0:
+        raise InputError(f"{argument} is {window:g} s; it must be positive")
+    if window > duration * (1 + 1e-9):
+        raise InputError(f"{argument} {window:g} s does not fit: {origin} is {duration:.6g} s long")
+    if (length := round(window * rate)) < 1:
+        raise InputError(
+            f"{argument} is {window:g} s; at {rate:g} Hz a sample takes {1 / rate:g} s, and modes "
+            "take windows of many periods of the lowest"
+        )
+    return length
 
 
 def identify_table(
@@ -244,7 +277,8 @@ def _read(
     """Return the channels, their rate, those left out, and where the stated rate is not theirs."""
     if sampling_rate is not None and not 0 < sampling_rate < float("inf"):
         raise InputError(f"--sampling-rate is {sampling_rate:g} Hz; it must be positive")
-    table = measured_channels(path, layout, time, rate_known=sampling_rate is not None)
+    known = sampling_rate is not None
+    table = measured_channels(path, layout, time, rate_known=known).table
     unused: tuple[UnusedChannel, ...] = ()
     if layout is None and path.suffix != ".mcap":
         columns, unused = split_motions(table, str(path))

@@ -158,7 +158,7 @@ class _Tally:
         self.counts: Counter[tuple[str, type]] = Counter()
         self.sessions: dict[tuple[str, str, str], AccelerationBlock] = {}  # the first block
         self.spans: dict[tuple[str, str, str], list[_Span]] = defaultdict(list)
-        self.layouts: dict[str, SensorLayout] = {}
+        self.layouts: dict[tuple[str, str, str], SensorLayout] = {}  # by turbine, unit, layout_id
         self.statuses: dict[str, NodeStatus] = {}
 
     def count(self, recorded: RecordedMessage) -> None:
@@ -169,7 +169,7 @@ class _Tally:
             case AccelerationBlock() as block:
                 self._add_block(block)
             case SensorLayout() as layout:
-                self.layouts[layout.layout_id] = layout
+                self.layouts[layout.turbine, layout.unit, layout.layout_id] = layout
             case NodeStatus() as status:
                 self.statuses[status.node] = status
 

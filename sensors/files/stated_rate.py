@@ -117,7 +117,9 @@ class _Steps:
         return max(self._longest_ns, *others, 0)
 
 
-def rate_note(own: float | None, stamps: StampedTime | None, stated: float) -> str:
+def rate_note(
+    own: float | None, stamps: StampedTime | None, stated: float, what: str = "the file"
+) -> str:
     """Return how a stated rate differs from the file's own, and which one is used; "" if alike.
 
     Parameters
@@ -128,16 +130,18 @@ def rate_note(own: float | None, stamps: StampedTime | None, stated: float) -> s
         How its stamps run; None: it has none.
     stated : float
         Sampling rate that was stated beside it [Hz].
+    what : str
+        What to call the file.
     """
     if stamps is None:
         if own is None or abs(own / stated - 1) <= RATE_TOLERANCE:
             return ""
-        return f"the file states {own:.6g} Hz; the samples are counted at the {stated:.6g} Hz given"
+        return f"{what} states {own:.6g} Hz; the samples are counted at the {stated:.6g} Hz given"
     if stamps.increase:
         if own is None or abs(own / stated - 1) <= RATE_TOLERANCE:
             return ""
         return (
-            f"the file runs at {own:.6g} Hz by its own time, not at the {stated:.6g} Hz given; "
+            f"{what} runs at {own:.6g} Hz by its own time, not at the {stated:.6g} Hz given; "
             "its own time is followed"
         )
     differs = stamps.pace is not None and abs(stamps.pace / stated - 1) > stamps.pace_tolerance
@@ -157,7 +161,9 @@ def rate_note(own: float | None, stamps: StampedTime | None, stated: float) -> s
     )
 
 
-def with_stated_rate(table: ChannelTable, stated: float) -> tuple[ChannelTable, float, str]:
+def with_stated_rate(
+    table: ChannelTable, stated: float, what: str = "the file"
+) -> tuple[ChannelTable, float, str]:
     """Return a whole file's table, the rate that counts, and `rate_note`.
 
     Stamps that do not increase are left out of the table.
@@ -166,9 +172,11 @@ def with_stated_rate(table: ChannelTable, stated: float) -> tuple[ChannelTable, 
     ----------
     stated : float
         Sampling rate that was stated beside the file [Hz].
+    what : str
+        What the note calls the file.
     """
     stamps, own = stamped_time([table]), table.sampling_rate
-    note = rate_note(own, stamps, stated)
+    note = rate_note(own, stamps, stated, what)
     if stamps is not None and stamps.increase and own is not None:
         return table, own, note
     return replace(table, times=None), stated, note

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sensors.acquisition.blocks import RATE_TOLERANCE
 from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray, one_blas_thread
 from sensors.files.table import ChannelTable, Quantity, TimeColumn, rate_of_stamps
@@ -144,12 +145,13 @@ class Measurement:
         """
         pyplot = require("matplotlib.pyplot")
         height = 1.2 * len(self.channels) + 0.8
-        _, axes = pyplot.subplots(len(self.channels), sharex=True, figsize=(9, height))
-        for number, axis in enumerate(np.atleast_1d(axes)):
+        _, drawn = pyplot.subplots(len(self.channels), sharex=True, figsize=(9, height))
+        axes = np.atleast_1d(drawn)
+        for number, axis in enumerate(axes):
             axis.plot(self.times, self.samples[:, number], linewidth=0.5)
             unit = self.units[number]
             axis.set_ylabel(f"{self.channels[number]}" + (f"\n[{unit}]" if unit else ""))
-        np.atleast_1d(axes)[-1].set_xlabel("time [s]")
+        axes[-1].set_xlabel("time [s]")
         return axes
 
 
@@ -160,23 +162,27 @@ def read(
     layout: str | os.PathLike[str] | None = None,
     dates: Literal["day-first", "month-first"] | None = None,
     zone: str = "",
+    turbine: str | None = None,
 ) -> Measurement:
     """Read a recording (MCAP) or a file of measurements.
 
     Parameters
     ----------
     path : str or path
-        MCAP, CSV, TSV, Parquet, NPZ, HDF5, MATLAB, TDMS, miniSEED, ….
+        MCAP, CSV, TSV, Parquet, NPZ, HDF5, MATLAB, TDMS, miniSEED, …; or a session's folder.
     sampling_rate : float, optional
         [Hz]; needed where the file has neither a rate nor a time column. Time stamps that
         increase are followed all the same; a warning is logged where they have another rate.
     layout : str or path, optional
-        Layout file (TOML): which channels, where they are, in what units.
+        Layout file (TOML): which channels, where they are, in what units. By default the places
+        are those that a recording states, or names such as "z145-fa".
     dates : str, optional
         What comes first in dates such as 3/4/2024, "day-first" or "month-first"; None: as the dates
         of the file show, which is an error where they leave it open.
     zone : str, optional
         Time zone of dates that state none, such as "Europe/Berlin"; UTC by default.
+    turbine : str, optional
+        Of a recording; by default the first one, where a warning is logged if there are others.
 
     Returns
     -------
@@ -185,10 +191,22 @@ def read(
     Raises
     ------
     InputError
-        If the file cannot be read or its sampling rate is not known.
+        If the file cannot be read, lacks the turbine, or its sampling rate is not known.
     """
+    return _read(path, sampling_rate, layout, dates, zone, turbine)[0]
+
+
+def _read(
+    path: str | os.PathLike[str],
+    sampling_rate: float | None,
+    layout: str | os.PathLike[str] | None = None,
+    dates: Literal["day-first", "month-first"] | None = None,
+    zone: str = "",
+    turbine: str | None = None,
+) -> tuple[Measurement, str]:
+    """See `read`; with how a stated rate differs from the file's own."""
     from pipeline.offline.measured_file import measured_channels
-    from sensors.files.layout_file import layout_by_names, load_layout
+    from sensors.files.layout_file import load_layout
     from sensors.files.stated_rate import with_stated_rate
     from sensors.files.text.columns import log_once
 
@@ -199,8 +217,10 @@ def read(
     if dates not in (None, "day-first", "month-first"):
         raise InputError(f"dates is {dates!r}; it can be 'day-first' or 'month-first'")
     time = TimeColumn(dates=dates, zone=zone)
-    table = measured_channels(file, mapping, time, rate_known=sampling_rate is not None)
-    rate = table.sampling_rate
+    known = sampling_rate is not None
+    placed = measured_channels(file, mapping, time, rate_known=known, turbine=turbine)
+    table = placed.table
+    rate, note = table.sampling_rate, ""
     if sampling_rate is not None:
         stated = positive("sampling_rate", sampling_rate, "Hz")
         table, rate, note = with_stated_rate(table, stated)
@@ -210,18 +230,18 @@ def read(
         raise InputError(
             f"{file} has neither a sampling rate nor a time column: give sampling_rate [Hz]"
         )
-    known = mapping or layout_by_names(table.names)
-    return Measurement(
+    found = Measurement(
         samples=table.samples,
         sampling_rate=rate,
         channels=table.names,
         units=table.units,
         start_ns=table.start_ns,
-        layout=None if known is None else known.sensor_layout(table),
+        layout=placed.layout,
         quantities=table.quantities,
         rotor_speed=table.rotor_speed,
         stamps=None if table.sampling_rate is None else table.times,  # None: they stand still
     )
+    return found, note
 
 
 @one_blas_thread()
@@ -275,48 +295,140 @@ def measurement_of(
     sampling_rate: float | None,
     channels: Sequence[str] | None,
     layout: SensorLayout | None,
-) -> Measurement:
+) -> tuple[Measurement, str]:
     """Return a Measurement of what a caller gave: one already, a file, or an array with its rate.
 
     Parameters
     ----------
     samples : Measurement, path or ArrayLike, shape (n, n_channels)
-        What the caller gave; a Measurement is returned as it is.
+        What the caller gave.
     sampling_rate : float or None
         Of an array or file that does not state it [Hz].
     channels : sequence of str or None
         Names of an array's channels where no layout has them; None: those of its columns, or ch1
         and so on.
     layout : SensorLayout or None
-        Of an array's channels: their names, units and places.
+        Which channels to use, their names, units and places. Of channels that have names, it is
+        those that it lists, in its order.
+
+    Returns
+    -------
+    measurement : Measurement
+    note : str
+        How the sampling rate differs from the time stamps, which are followed; "" if alike.
 
     Raises
     ------
     InputError
         If an array has no numbers, not two axes, more channels than samples, no sampling rate
-        above 0, or names that do not fit.
+        above 0, or names that do not fit; if `channels` or another rate comes beside a
+        Measurement, or `channels` beside a file.
     """
+    if not isinstance(samples, Measurement | str | os.PathLike):
+        return _measurement_of_array(samples, sampling_rate, channels, layout)
+    _refuse_names(channels)
     if isinstance(samples, Measurement):
-        return samples
-    if isinstance(samples, str | os.PathLike):
-        return read(samples, sampling_rate=sampling_rate)
-    values = _array(samples)
-    start_ns, stamps = _clock_of_index(samples)
-    stated = (
-        rate_of_stamps(stamps) if sampling_rate is None and stamps is not None else sampling_rate
+        measured, note = samples, ""
+        _require_rate_of(samples, sampling_rate)
+        _require_distinct(samples.channels)
+    else:
+        measured, note = _read(samples, sampling_rate)
+    return (measured if layout is None else _placed(measured, layout)), note
+
+
+def _refuse_names(channels: Sequence[str] | None) -> None:
+    if channels is None:
+        return
+    raise InputError(
+        f"channels are {list(channels)!r}; a file or a Measurement has its own names, channels "
+        "are those of an array"
     )
-    rate = positive("sampling_rate", stated, "Hz")
-    if layout is not None:
-        channels = layout.channel_names
-    elif channels is None:
-        channels = [str(each) for each in getattr(samples, "columns", ())]
-    names = tuple(channels or (f"ch{number + 1}" for number in range(values.shape[1])))
+
+
+def _require_rate_of(measured: Measurement, sampling_rate: float | None) -> None:
+    if sampling_rate is None:
+        return
+    stated = positive("sampling_rate", sampling_rate, "Hz")
+    if abs(measured.sampling_rate / stated - 1) > RATE_TOLERANCE:
+        raise InputError(
+            f"sampling_rate is {stated:g} Hz; the Measurement is sampled at "
+            f"{measured.sampling_rate:g} Hz"
+        )
+
+
+def _require_distinct(names: Sequence[str]) -> None:
+    for name in names:
+        if list(names).count(name) > 1:
+            raise InputError(f"channel name {name!r} appears more than once; names must differ")
+
+
+def _placed(measured: Measurement, layout: SensorLayout) -> Measurement:
+    """The channels that a layout lists, in its order, at its places.
+
+    Raises
+    ------
+    InputError
+        If the measurement lacks one of them, or has it in another unit.
+    """
+    columns = []
+    for channel in layout.channels:
+        if channel.name not in measured.channels:
+            raise InputError(
+                f"the layout has the channel {channel.name!r}; the measurement has "
+                f"{', '.join(measured.channels)}"
+            )
+        column = measured.channels.index(channel.name)
+        if measured.units[column] not in ("", channel.unit):
+            raise InputError(
+                f"channel {channel.name!r} is in {channel.unit} by the layout, in "
+                f"{measured.units[column]} by the measurement"
+            )
+        columns.append(column)
+    quantities = measured.quantities
+    return replace(
+        measured,
+        samples=measured.samples[:, columns],
+        channels=layout.channel_names,
+        units=tuple(channel.unit for channel in layout.channels),
+        quantities=None if quantities is None else tuple(quantities[i] for i in columns),
+        layout=layout,
+    )
+
+
+def _measurement_of_array(
+    samples: ArrayLike,
+    sampling_rate: float | None,
+    channels: Sequence[str] | None,
+    layout: SensorLayout | None,
+) -> tuple[Measurement, str]:
+    """See `measurement_of`."""
+    from sensors.files.stated_rate import with_stated_rate
+    from sensors.files.text.columns import log_once
+
+    values = _array(samples)
+    own = [str(each) for each in getattr(samples, "columns", ())]
+    named = own if channels is None else [str(each) for each in channels]
+    by_name = layout is not None and set(layout.channel_names) <= set(named)
+    if layout is not None and channels is not None and not by_name:
+        raise InputError(
+            f"channels are {', '.join(named)}; the layout has {', '.join(layout.channel_names)}"
+        )
+    if layout is not None and not by_name:  # its channels are those of the array, one by one
+        named = list(layout.channel_names)
+    names = tuple(named or (f"ch{number + 1}" for number in range(values.shape[1])))
     if len(names) != values.shape[1]:
         raise InputError(f"{len(names)} channel names for {values.shape[1]} channels")
-    units = ("",) * len(names)
-    if layout is not None:
-        units = tuple(channel.unit for channel in layout.channels)
-    return Measurement(values, rate, names, units, start_ns, layout, stamps=stamps)
+    _require_distinct(names)
+    start_ns, stamps = _clock_of_index(samples)
+    table = ChannelTable(names, ("",) * len(names), values, stamps, start_ns)
+    rate, note = (None if stamps is None else rate_of_stamps(stamps)), ""
+    if rate is None or sampling_rate is not None:
+        stated = positive("sampling_rate", sampling_rate, "Hz")
+        table, rate, note = with_stated_rate(table, stated, "the table")
+    if note:
+        log_once(note)
+    found = Measurement(values, rate, names, table.units, start_ns, stamps=table.times)
+    return (found if layout is None else _placed(found, layout)), note
 
 
 def _array(samples: ArrayLike) -> FloatArray:
@@ -349,6 +461,9 @@ def _clock_of_index(samples: object) -> tuple[int, FloatArray | None]:
     stamps = np.asarray(() if callable(index) else index)
     if stamps.ndim != 1 or len(stamps) < 2 or stamps.dtype.kind not in "mM":
         return 0, None
+    if np.isnat(stamps).any():
+        row = int(np.flatnonzero(np.isnat(stamps))[0])
+        raise InputError(f"row {row} of the table has no time in its index, which is NaT there")
     start = stamps[0].astype("datetime64[ns]").astype(int) if stamps.dtype.kind == "M" else 0
     return int(start), np.asarray((stamps - stamps[0]) / np.timedelta64(1, "s"))
 
@@ -370,6 +485,7 @@ def positive(name: str, value: object, unit: str) -> float:
     InputError
         If it is none.
     """
-    if isinstance(value, str) or not np.isscalar(value) or not 0 < value < float("inf"):  # type: ignore[operator]
+    is_number = np.isscalar(value) and not isinstance(value, str | bytes | bool | complex)
+    if not is_number or not 0 < value < float("inf"):  # type: ignore[operator]
         raise InputError(f"{name} is {value!r}; a number above 0 is needed [{unit}]")
     return float(value)  # type: ignore[arg-type]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.messages import FoundationEvent, FoundationPosterior, ModalEstimate, WindowRejected
-from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.blocks import AccelerationBlock
+from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.arrays import FloatArray
 
 from .errors import InputError, require
@@ -46,8 +48,9 @@ class Session:
         return self.posteriors[-1] if self.posteriors else None
 
     def measurement(self) -> Measurement:
-        """Return the recorded samples, read when they are asked for."""
-        return read(self.path)
+        """Return the turbine's recorded samples, of all parts of the session, read when they are
+        asked for."""
+        return read(self.path, turbine=self.turbine)
 
     def __repr__(self) -> str:
         return (
@@ -132,14 +135,20 @@ def open_session(path: str | os.PathLike[str], turbine: str | None = None) -> Se
     Raises
     ------
     InputError
-        If it is no recording.
+        If it is no recording, or has nothing of the turbine.
     """
     from pipeline.sources.session_files import session_files, session_messages
 
     file = Path(path)
     kinds = (SensorLayout, ModalEstimate, WindowRejected, FoundationPosterior, FoundationEvent)
-    messages = list(session_messages(session_files(file), kinds))
-    name = turbine or (messages[0].turbine if messages else "")
+    files = session_files(file)
+    messages = list(session_messages(files, kinds))
+    known = {message.turbine: None for message in messages}  # in the order of the recording
+    if not known or (turbine is not None and turbine not in known):  # blocks without a layout
+        known |= {block.turbine: None for block in session_messages(files, (AccelerationBlock,))}
+    name = next(iter(known), "") if turbine is None else turbine
+    if known and name not in known:
+        raise InputError(f"{file} has no turbine {name!r}; it has {', '.join(known)}")
     ours = [message for message in messages if message.turbine == name]
     layouts = [message for message in ours if isinstance(message, SensorLayout)]
     estimates = tuple(message for message in ours if isinstance(message, ModalEstimate))
@@ -150,8 +159,21 @@ def open_session(path: str | os.PathLike[str], turbine: str | None = None) -> Se
         if isinstance(message, FoundationPosterior)
     )
     events = tuple(message for message in ours if isinstance(message, FoundationEvent))
-    layout = layouts[-1] if layouts else None
+    layout = _places(layouts, estimates)
     channels = estimates[-1].channels if estimates else (layout.channel_names if layout else ())
-    if layout is not None and layout.channel_names != channels:
-        layout = None  # of several units: the estimates join their channels
     return Session(file, name, Modes(estimates, rejected, channels, layout), posteriors, events)
+
+
+def _places(
+    layouts: Sequence[SensorLayout], estimates: Sequence[ModalEstimate]
+) -> SensorLayout | None:
+    """Where the channels of the last estimate are; without any, all that the units have."""
+    if not layouts:
+        return None
+    newest = {layout.unit: layout for layout in layouts}
+    joined = joined_layout([newest[unit] for unit in sorted(newest)])
+    if not estimates:
+        return joined
+    own = [layout for layout in layouts if layout.layout_id == estimates[-1].layout_id]
+    found = own[-1] if own else joined
+    return found if found.channel_names == estimates[-1].channels else None

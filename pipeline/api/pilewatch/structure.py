@@ -14,7 +14,7 @@ from sensors.arrays import FloatArray, one_blas_thread
 from sensors.structure.description import TurbineDescription, load_turbine
 
 from .errors import InputError, require
-from .modes import draw_shapes
+from .modes import channel_columns, draw_shapes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,7 +47,8 @@ class StructureModes:
         """Return one row a mode: label, frequency_hz, then one column a channel."""
         pandas = require("pandas")
         rows = {"label": self.labels, "frequency_hz": self.frequencies}
-        columns = dict(zip(self.channels, self.shapes.T, strict=True))
+        names = channel_columns(self.channels, rows).values()
+        columns = dict(zip(names, self.shapes.T, strict=True))
         return pandas.DataFrame(rows | columns).sort_values("frequency_hz", ignore_index=True)
 
     def to_xarray(self) -> xr.Dataset:
@@ -178,7 +179,7 @@ class Structure:
         return pandas.DataFrame(rows)
 
     def plot(self) -> Any:
-        """Draw the tubes of the structure to scale, water and mudline marked.
+        """Draw the tubes of the structure to scale, the mudline and any water marked.
 
         Returns
         -------
@@ -189,9 +190,12 @@ class Structure:
         for tube in self.description.tubes:
             half = tube.diameter / 2
             axis.fill_betweenx([tube.bottom, tube.top], -half, half, color="C0", alpha=0.6)
-        axis.axhline(0.0, color="C9", linewidth=1)
-        axis.axhline(self.description.tubes[0].bottom, color="C5", linewidth=1)
-        axis.set(ylabel="elevation above mean water level [m]", xlabel="[m]", aspect="equal")
+        water = self.description.water
+        if water is not None:
+            axis.axhline(water.level, color="C9", linewidth=1)
+        axis.axhline(self.description.mudline, color="C5", linewidth=1)
+        above = " above mean water level" if water is not None else ""
+        axis.set(ylabel=f"elevation{above} [m]", xlabel="[m]", aspect="equal")
         return axis
 
 

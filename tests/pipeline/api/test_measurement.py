@@ -1,11 +1,15 @@
 """A measurement of the library: times, parts, tables, by hand."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from pilewatch._own_packages import require_own_packages
 from pilewatch.measurement import Measurement, measurement_of
+
+from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
+from sensors.errors import InputError
 
 SAMPLES = np.arange(10.0).reshape(5, 2)
 BARE = Measurement(SAMPLES, 2.0, ("a", "b"), ("g", ""))
@@ -62,12 +66,110 @@ def test_a_plot_has_an_axis_a_channel_with_its_unit_where_it_has_one() -> None:
     )
 
 
+def test_a_plot_of_one_channel_is_an_array_too() -> None:
+    pytest.importorskip("matplotlib.pyplot").switch_backend("agg")
+    (axis,) = Measurement(SAMPLES[:, :1], 2.0, ("a",), ("g",)).plot()
+    assert (axis.get_ylabel(), axis.get_xlabel()) == ("a\n[g]", "time [s]")
+
+
 def test_channels_of_an_array_are_numbered_from_one() -> None:
-    made = measurement_of(SAMPLES, 2.0, None, None)
+    made, note = measurement_of(SAMPLES, 2.0, None, None)
     assert made.channels == ("ch1", "ch2")
     assert made.units == ("", "")
-    assert (made.start_ns, made.sampling_rate) == (0, 2.0)
-    assert measurement_of(SAMPLES, 2.0, ["x", "y"], None).channels == ("x", "y")
+    assert (made.start_ns, made.sampling_rate, note) == (0, 2.0, "")
+    assert measurement_of(SAMPLES, 2.0, ["x", "y"], None)[0].channels == ("x", "y")
+
+
+def layout_of(*names: str) -> SensorLayout:
+    return SensorLayout(
+        "l", "t1", "tower", tuple(Accelerometer(name, 40.0, FORE_AFT) for name in names)
+    )
+
+
+def test_a_layout_gives_the_places_of_the_channels_that_it_lists_in_its_order() -> None:
+    layout = layout_of("b", "a")
+    unscaled = Measurement(SAMPLES, 2.0, ("a", "b"), ("", ""), quantities=None)
+    pandas = pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+    table = pandas.DataFrame(SAMPLES, columns=["a", "b"])
+    for samples, rate, names in (
+        (unscaled, 2.0, None),
+        (table, 2.0, None),
+        (SAMPLES, 2, ["a", "b"]),
+    ):
+        made, _ = measurement_of(samples, rate, names, layout)
+        assert (made.layout, made.channels, made.units) == (layout, ("b", "a"), ("m/s²", "m/s²"))
+        assert np.array_equal(made.samples, SAMPLES[:, ::-1])
+    one, _ = measurement_of(unscaled, None, None, layout_of("b"))
+    assert np.array_equal(one.samples, SAMPLES[:, 1:])
+
+
+def test_a_layout_names_the_channels_of_an_array_without_these_names() -> None:
+    layout = layout_of("x", "y")
+    made, _ = measurement_of(SAMPLES, 2.0, None, layout)
+    assert (made.layout, made.channels) == (layout, ("x", "y"))
+    assert np.array_equal(made.samples, SAMPLES)
+
+
+@pytest.mark.parametrize(
+    ("samples", "rate", "channels", "layout", "said"),
+    [
+        (BARE, 4.0, None, None, "sampling_rate is 4 Hz; the Measurement is sampled at 2 Hz"),
+        (BARE, "2", None, None, "sampling_rate is '2'"),
+        (
+            BARE,
+            None,
+            ["x", "y"],
+            None,
+            r"channels are \['x', 'y'\]; a file or a Measurement has its",
+        ),
+        (
+            "a.csv",
+            None,
+            ["x", "y"],
+            None,
+            r"channels are \['x', 'y'\]; a file or a Measurement has",
+        ),
+        (BARE, None, None, layout_of("b", "z"), "has the channel 'z'; the measurement has a, b"),
+        (BARE, None, None, layout_of("a"), "'a' is in m/s² by the layout, in g by the measurement"),
+        (SAMPLES, 2.0, ["a", "b"], layout_of("x", "y"), "channels are a, b; the layout has x, y"),
+        (SAMPLES, 2.0, ["a", "a"], None, "channel name 'a' appears more than once"),
+        (
+            Measurement(SAMPLES, 2.0, ("a", "a"), ("", "")),
+            None,
+            None,
+            None,
+            "'a' appears more than",
+        ),
+    ],
+)
+def test_an_argument_that_contradicts_the_samples_is_refused(
+    samples: Any, rate: Any, channels: list[str] | None, layout: SensorLayout | None, said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        measurement_of(samples, rate, channels, layout)
+
+
+def test_a_tables_time_stamps_are_followed_whatever_rate_is_stated() -> None:
+    pandas = pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+    index = pandas.to_datetime([0, 50, 100, 150, 200], unit="ms")
+    table = pandas.DataFrame(SAMPLES, index=index)
+    made, note = measurement_of(table, 40.0, None, None)
+    assert made.sampling_rate == 20.0
+    assert list(made.times) == [0.0, 0.05, 0.1, 0.15, 0.2]
+    assert note == (
+        "the table runs at 20 Hz by its own time, not at the 40 Hz given; its own time is followed"
+    )
+    assert measurement_of(table, 20.0, None, None)[1] == ""
+    counted, note = measurement_of(table.set_index(index[[0, 1, 1, 3, 4]]), 400.0, None, None)
+    assert (counted.sampling_rate, counted.stamps) == (400.0, None)
+    assert "stand still or go back" in note
+
+
+def test_a_row_without_a_time_is_named() -> None:
+    pandas = pytest.importorskip("pandas", reason="the extra `notebook` is not installed")
+    index = pandas.to_datetime([None, 50, 100, 150, 200], unit="ms")
+    with pytest.raises(InputError, match="row 0 of the table has no time"):
+        measurement_of(pandas.DataFrame(SAMPLES, index=index), None, None, None)
 
 
 @pytest.mark.parametrize(("places", "ours"), [(["own", "other"], True), (["other"], False)])

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,6 +121,8 @@ def test_frequencies_of_an_array_need_no_names_and_no_places() -> None:
         (np.zeros((1000, 2)), 0.0, "sampling_rate is 0"),
         (np.zeros((1000, 2)), None, "sampling_rate is None"),
         (np.zeros((1000, 2)), "20", "sampling_rate is '20'"),
+        (np.zeros((1000, 2)), 20j, "sampling_rate is 20j"),
+        (np.zeros((1000, 2)), True, "sampling_rate is True"),
         (np.zeros((0, 2)), 40.0, "of shape"),
         (np.zeros((2, 1000)), 40.0, "transpose"),
         (np.zeros((1000, 2), dtype=complex), 40.0, "complex"),
@@ -128,7 +131,7 @@ def test_frequencies_of_an_array_need_no_names_and_no_places() -> None:
     ],
 )
 def test_an_array_that_cannot_be_understood_is_refused_in_one_line(
-    samples: np.ndarray, rate: float | None, said: str
+    samples: np.ndarray, rate: Any, said: str
 ) -> None:
     with pytest.raises(pw.InputError, match=said):
         pw.identify(samples, rate)

@@ -148,6 +148,7 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("identify no-time.csv", "--sampling-rate"),
     ("identify noise.csv --lowest-frequency 30", "30 Hz"),
     ("identify noise.csv --window 0", "--window is 0 s; it must be positive"),
+    ("identify noise.csv --window 0.001", "--window is 0.001 s; at 50 Hz a sample takes 0.02 s"),
     ("identify noise.csv --sampling-rate 0", "must be positive"),
     ("identify noise.csv --layout template.toml", "height"),
     ("identify noise.csv --json --lowest-frequency 30", "30 Hz"),

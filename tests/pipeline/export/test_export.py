@@ -51,7 +51,7 @@ def test_identify_reads_the_same_samples_times_and_units_from_the_csv(
     minute: Path, tmp_path: Path
 ) -> None:
     (samples,) = export(minute, tmp_path / "out", "csv")
-    ours, theirs = recorded_channels(minute), read_file(samples.path)
+    ours, theirs = recorded_channels([minute]).table, read_file(samples.path)
     assert same_channels(ours, theirs)
     assert theirs.start_ns == ours.start_ns
     assert ours.times is not None
@@ -66,7 +66,7 @@ def test_a_simulated_recording_survives_the_way_out_and_back(
 ) -> None:
     files = export(short_recording, tmp_path / "out", "csv")
     (samples,) = (each.path for each in files if each.path.stem.startswith("samples"))
-    assert same_channels(recorded_channels(short_recording), read_file(samples))
+    assert same_channels(recorded_channels([short_recording]).table, read_file(samples))
 
 
 def test_a_gap_is_missing_rows_in_parquet_times_are_exact(minute: Path, tmp_path: Path) -> None:
@@ -122,6 +122,14 @@ def test_other_channels_of_a_unit_go_on_in_another_file(tmp_path: Path) -> None:
     files = export(path, tmp_path / "out", "csv")
     assert [each.path.name for each in files] == [f"{NAME}.csv", f"{NAME}-2.csv"]
     assert read_file(files[1].path).names == fewer.channel_names
+
+
+def test_turbines_whose_layouts_share_an_id_have_their_own_channels(tmp_path: Path) -> None:
+    other = replace(LAYOUT, turbine="t2", channels=LAYOUT.channels[::-1])
+    blocks = [block(0), block(0, turbine="t2")]
+    files = export(recorded(tmp_path / "two.mcap", [LAYOUT, other, *blocks]), tmp_path / "o", "csv")
+    names = {each.path.stem: read_file(each.path).names for each in files}
+    assert names == {NAME: LAYOUT.channel_names, "samples-t2-tower": other.channel_names}
 
 
 def test_each_layout_of_a_unit_has_a_number_of_its_own(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import struct
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -275,6 +276,11 @@ def test_info_shows_channels_durations_layouts_and_metadata(recording: Path) -> 
     assert (unit.unit, unit.sampling_rate, unit.n_channels, unit.n_blocks) == ("tower", 40.0, 8, 40)
     assert info.duration == unit.duration == 40.0
     assert info.layouts == (LAYOUT,)
+    other = replace(LAYOUT, turbine="t2", channels=LAYOUT.channels[:2])  # with the same id
+    assert recording_info(record(recording.with_name("two.mcap"), [LAYOUT, other])).layouts == (
+        LAYOUT,
+        other,
+    )
     assert info.metadata == METADATA
     assert info.size == recording.stat().st_size
 

@@ -74,7 +74,7 @@ def test_samples_times_and_units_are_those_of_the_file(tmp_path: Path) -> None:
 def test_a_recording_written_as_text_comes_back_as_the_same_recording(
     short_recording: Path, tmp_path: Path
 ) -> None:
-    table = recorded_channels(short_recording)
+    table = recorded_channels([short_recording]).table
     assert table.times is not None
     titles = ",".join(f"{name} [m/s²]" for name in table.names)
     stamps = table.start_ns + np.round(table.times * 1e9).astype(np.int64)
@@ -84,7 +84,7 @@ def test_a_recording_written_as_text_comes_back_as_the_same_recording(
     ]
     path = written(tmp_path / "a.csv", "\n".join([f"time,{titles}", *rows]))
     record_measurement(open_measurement([path]), tmp_path / "a.mcap")
-    again = recorded_channels(tmp_path / "a.mcap")
+    again = recorded_channels([tmp_path / "a.mcap"]).table
     np.testing.assert_array_equal(again.samples, table.samples)
     assert again.times is not None
     np.testing.assert_allclose(again.times, table.times, rtol=0, atol=1e-9)
@@ -421,7 +421,7 @@ def test_a_structural_model_is_compared_with_accelerations_alone(tmp_path: Path)
         tmp_path / "a.mcap",
         scenario=load_scenario("parked"),
     )
-    assert recorded_channels(tmp_path / "a.mcap").units == ("m/s", "m/s")
+    assert recorded_channels([tmp_path / "a.mcap"]).table.units == ("m/s", "m/s")
     source = replayed(tmp_path / "a.mcap")
     with pytest.raises(InputError, match=r"z145-fa is in m/s; .* description = \"none\""):
         build(source.scenario, source.layout, Outputs())
