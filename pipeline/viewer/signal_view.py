@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, field
+from itertools import groupby
 
 import numpy as np
 import rerun as rr
@@ -10,7 +11,7 @@ from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
-from pipeline.viewer.drawing.entities import at
+from pipeline.viewer.drawing.entities import at, signal_path, signal_paths
 from pipeline.viewer.pictures.display_signals import DisplayDecimator, join_runs
 from pipeline.viewer.pictures.spectrum import RecentSamples, spectrum_picture
 from pipeline.viewer.update_rates import UpdateRates
@@ -112,10 +113,18 @@ class SignalView:
         stated = any(block.status for block in blocks)
         if stated or unit.faulty != NONE_FAULTY or not all(map(_is_whole, runs)):
             faults = [fault for block in blocks for fault in self._faults_of(block, unit)]
-        signals = [unit.decimator.push(run) for run in runs]
-        track_views.log_signal(self._recording, self._root, name, signals)
+        shown = [(self._signal_path(run), unit.decimator.push(run)) for run in runs]
+        for (path, _), chunk in groupby(shown, lambda each: (each[0], each[1].samples.shape[1])):
+            track_views.log_signal(self._recording, path, [signal for _, signal in chunk])
         self._handed_over = time.monotonic()
         return faults
+
+    def _signal_path(self, block: AccelerationBlock) -> str:
+        paths = signal_paths(self._root, self._layouts.all)
+        later = (
+            block.layout_id if any(each.unit == block.unit for each in self._layouts.all) else ""
+        )
+        return paths.get(block.layout_id) or signal_path(self._root, block.unit, later)
 
     def finish(self) -> list[FaultyChannels]:
         """Draw the buffered blocks of every unit; return the faults among them."""
@@ -145,7 +154,7 @@ class SignalView:
     def _faults_of(self, block: AccelerationBlock, unit: _Unit) -> list[FaultyChannels]:
         """Colour the unit's sensors where their health changes with this block."""
         layout = self._layouts.named(block.layout_id)
-        if layout is None:
+        if layout is None or len(layout.channels) != block.samples.shape[1]:
             return []
         faulty, before = faulty_channels(block, layout), unit.faulty
         if faulty == before:

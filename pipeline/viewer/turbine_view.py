@@ -19,7 +19,7 @@ from pipeline.viewer.drawing import foundation as foundation_views
 from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
-from pipeline.viewer.drawing.entities import FARM, at, turbine_path
+from pipeline.viewer.drawing.entities import FARM, at, signal_paths, turbine_path
 from pipeline.viewer.mode_view import ModeView
 from pipeline.viewer.pictures.pile import pile_picture
 from pipeline.viewer.pictures.scene import outline
@@ -171,7 +171,8 @@ class TurbineView:
     def draw_layout(self, layout: SensorLayout) -> None:
         """Draw the sensors on the tower and name the signals."""
         self._layouts.add(layout)
-        track_views.log_signal_style(self._recording, self._root, layout)
+        path = signal_paths(self._root, self._layouts.all)[layout.layout_id]
+        track_views.log_signal_style(self._recording, path, layout)
         tower_views.log_sensors(self._recording, self._root, layout, self._outline)
 
     def draw_block(self, block: AccelerationBlock) -> None:

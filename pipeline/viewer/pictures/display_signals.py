@@ -52,6 +52,7 @@ def _follows(block: AccelerationBlock, run: Sequence[AccelerationBlock]) -> bool
     expected_ns = first.start_ns + round(n_samples * NANOSECONDS / first.sampling_rate)
     return (
         block.session == first.session
+        and block.layout_id == first.layout_id
         and block.first_sample == run[-1].first_sample + len(run[-1].samples)
         and block.sampling_rate == first.sampling_rate
         and block.samples.shape[1] == first.samples.shape[1]
@@ -67,8 +68,9 @@ class DisplayDecimator:
     """Anti-aliased decimation of consecutive blocks, each sample at its own time.
 
     A linear-phase low-pass of 8 display samples' length, read at every `factor`-th sample; its
-    delay is taken out of the times. A gap, a restart or another rate resets it, which costs the
-    first and the last 0.2 s of each stretch. For display only: identification does not use it.
+    delay is taken out of the times. A gap, a restart, another rate or number of channels resets it,
+    which costs the first and the last 0.2 s of each stretch. For display only: identification does
+    not use it.
     """
 
     def __init__(self, sampling_rate: float) -> None:
@@ -83,6 +85,7 @@ class DisplayDecimator:
         broken = self._tail is not None and (
             self._expected != (block.session, block.first_sample)
             or self._rate != block.sampling_rate
+            or self._tail.shape[1] != block.samples.shape[1]
         )
         if self._rate != block.sampling_rate:
             self._set_rate(block.sampling_rate)

@@ -1,9 +1,11 @@
 """The tab "Signals": what the sensors measure, and its spectra."""
 
+from collections import Counter
+
 import rerun as rr
 import rerun.blueprint as rrb
 
-from pipeline.viewer.drawing.entities import signal_path
+from pipeline.viewer.drawing.entities import signal_paths
 from pipeline.viewer.pictures.spectrum import measured_sides
 from pipeline.viewer.tabs.narrow import alone, in_tabs
 from pipeline.viewer.view_parameters import ViewParameters, plane, time_series
@@ -12,26 +14,19 @@ from sensors.acquisition.layout import SensorLayout
 
 def signals(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     """Return the tab for a wide screen."""
-    views = [
-        accelerations_view(root, layout, side)
-        for layout in parameters.layouts
-        for side in measured_sides(layout)
-    ]
     return rrb.Horizontal(
-        rrb.Vertical(*views), spectrum_view(root), column_shares=[1, 1], name="Signals"
+        rrb.Vertical(*_accelerations(root, parameters)),
+        spectrum_view(root),
+        column_shares=[1, 1],
+        name="Signals",
     )
 
 
 def narrow_signals(root: str, parameters: ViewParameters) -> rrb.Tabs:
     """Return the tab for a narrow screen."""
-    series = [
-        accelerations_view(root, layout, side)
-        for layout in parameters.layouts
-        for side in measured_sides(layout)
-    ]
     return in_tabs(
         "Signals",
-        rrb.Vertical(*series, name="Series"),
+        rrb.Vertical(*_accelerations(root, parameters), name="Series"),
         alone(
             "Spectra",
             spectrum_view(root),
@@ -40,13 +35,29 @@ def narrow_signals(root: str, parameters: ViewParameters) -> rrb.Tabs:
     )
 
 
-def accelerations_view(root: str, layout: SensorLayout, side: int) -> rrb.TimeSeriesView:
-    """Return the accelerations of one unit along one axis."""
-    path = signal_path(root, layout.unit)
+def _accelerations(root: str, parameters: ViewParameters) -> list[rrb.TimeSeriesView]:
+    """Return the accelerations of each unit along each axis; of a unit that came back with other
+    channels, those of each of its layouts."""
+    paths = signal_paths(root, parameters.layouts)
+    layouts = {paths[layout.layout_id]: layout for layout in parameters.layouts}
+    units = Counter(layout.unit for layout in layouts.values())
+    return [
+        accelerations_view(
+            path, layout, side, of=f", {layout.layout_id}" * (units[layout.unit] > 1)
+        )
+        for path, layout in layouts.items()
+        for side in measured_sides(layout)
+    ]
+
+
+def accelerations_view(
+    path: str, layout: SensorLayout, side: int, *, of: str = ""
+) -> rrb.TimeSeriesView:
+    """Return the accelerations of one layout along one axis; `of` says which of its unit's."""
     name = ("fore-aft (x)", "side-side (y)")[side]
     along = [abs(channel.direction[side]) > 0.7 for channel in layout.channels]
     quantity, unit = _quantity(layout)
-    title = f"{quantity} {name} of unit {layout.unit} [{unit}]"
+    title = f"{quantity} {name} of unit {layout.unit}{of} [{unit}]"
     shown = {path: rr.SeriesLines(visible_series=along)}
     return time_series(path, title, "LeftTop", overrides=shown)
 
