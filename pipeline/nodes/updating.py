@@ -140,6 +140,8 @@ class TurbineUpdating:
             return (usable,)
         try:
             self._state, answers = self._updater.watched(self._state, usable)
+            channels = self._state.evidence.channels
+            answers = tuple(at_its_channels(each, estimate, channels) for each in answers)
         except Exception as error:  # else it would end every refresh to come, at each start again
             logger.exception("window %d of %s", estimate.window, estimate.turbine)
             reason = f"the updating failed: {error!r}; the log has where"
@@ -191,6 +193,24 @@ class TurbineUpdating:
         self._answers = tuple(each for each in snapshot.messages if isinstance(each, Answer))
         estimates = [each for each in past if isinstance(each, ModalEstimate)]
         return (a for each in estimates if each not in self._answered for a in self.handle(each))
+
+
+def at_its_channels(answer: Answer, estimate: ModalEstimate, channels: Sequence[str]) -> Answer:
+    """Return the answer with the model's shapes at the estimate's channels, in their order.
+
+    Parameters
+    ----------
+    answer : FoundationEvent, FoundationPosterior or WindowRejected
+        Only a posterior has shapes.
+    estimate : ModalEstimate
+        That it answers: of some of the updating's channels, in any order.
+    channels : sequence of str
+        The updating's, in whose order its shapes are.
+    """
+    if not isinstance(answer, FoundationPosterior) or estimate.channels == tuple(channels):
+        return answer
+    columns = [channels.index(name) for name in estimate.channels]
+    return replace(answer, model_shapes=answer.model_shapes[:, columns])
 
 
 def _identified(answer: Answer, estimate: ModalEstimate) -> Answer:

@@ -47,11 +47,18 @@ class KnownLayouts:
     def of_posterior(
         self, posterior: FoundationPosterior, estimate: ModalEstimate | None
     ) -> SensorLayout | None:
-        """Return the layout whose channels the model's shapes have: the estimate's, else any."""
-        names = [estimate.layout_id] if estimate else list(self._by_id)
-        layouts = [found for name in names if (found := self.named(name)) is not None]
+        """Return the layout whose channels the model's shapes have: the estimate's.
+
+        Where that is not known, the one that has as many channels, if no other one has.
+        """
         n_channels = posterior.model_shapes.shape[1]
-        return next((one for one in layouts if len(one.channels) == n_channels), None)
+        if estimate is None:
+            fitting = {each.channels: each for each in self.all if len(each.channels) == n_channels}
+            return next(iter(fitting.values())) if len(fitting) == 1 else None
+        layout = self.named(estimate.layout_id)
+        if layout is None or not set(estimate.channels) <= set(layout.channel_names):
+            return None
+        return layout if len(estimate.channels) == n_channels else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -234,7 +234,7 @@ def test_a_window_has_the_rate_of_its_own_samples():
 def test_mac_matrix_is_bright_on_its_diagonal_and_in_the_order_of_frequency():
     rng = np.random.default_rng(8)
     estimate = modal_estimate(0, rng)
-    matrix = mac_matrix(estimate, foundation_posterior(estimate, 1, rng), LAYOUT)
+    matrix = mac_matrix(estimate, foundation_posterior(estimate, 1, rng))
     assert matrix is not None
     assert np.all(np.diag(matrix.values) > 0.98)
     expected = np.array(
@@ -251,7 +251,7 @@ def test_labels_of_a_mac_matrix_do_not_cover_each_other(copies: int):
     estimate = modal_estimate(0, rng)
     posterior = foundation_posterior(estimate, 1, rng)
     crowded = replace(estimate, modes=estimate.modes * copies)
-    matrix = mac_matrix(crowded, posterior, LAYOUT)
+    matrix = mac_matrix(crowded, posterior)
     assert matrix is not None
     heights = [text.position[1] for text in matrix.texts if text.position[0] < 0.0]
     assert np.diff(heights).min() >= LABEL_PITCH

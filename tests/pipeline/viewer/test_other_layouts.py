@@ -21,6 +21,8 @@ from tests.pipeline.viewer.session import (
     START_NS,
     TURBINE,
     acceleration_block,
+    foundation_posterior,
+    modal_estimate,
 )
 
 BACKWARDS = tuple(range(7, -1, -1))
@@ -122,3 +124,26 @@ def test_a_plot_for_each_set_of_channels_and_none_twice():
         *["unit tower, again"] * 2,
         *["unit tower, turned"] * 2,
     ]
+
+
+def test_shapes_and_mac_of_a_turned_layout_are_those_of_the_same_window_read_as_described(
+    tmp_path: Path,
+):
+    """Estimate and posterior of one window, their channels in the layout's order and backwards."""
+    rng = np.random.default_rng(8)
+    estimate = modal_estimate(0, rng)
+    posterior = foundation_posterior(estimate, 1, rng)
+    order = list(BACKWARDS)
+    modes = tuple(replace(mode, shape=mode.shape[order]) for mode in estimate.modes)
+    turned = replace(estimate, layout_id="turned", channels=TURNED.channel_names, modes=modes)
+    backwards = replace(posterior, model_shapes=posterior.model_shapes[:, order])
+    described = drawn(tmp_path / "a.rrd", [LAYOUT, *BLOCKS, estimate, posterior])
+    read = drawn(tmp_path / "b.rrd", [LAYOUT, *BLOCKS, TURNED, turned, backwards])
+    root = f"/{TURBINE}"
+    for entity, component in (
+        (f"{root}/shapes/3/motion/model", "LineStrips3D:strips"),
+        (f"{root}/shapes/3/motion/identified", "Points3D:positions"),
+        (f"{root}/mac/values", "Image:buffer"),
+    ):
+        (expected,), (found,) = (each.column(entity, component) for each in (described, read))
+        np.testing.assert_allclose(np.array(found, float), np.array(expected, float), atol=1e-5)
