@@ -12,7 +12,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.arrays import FloatArray
 
 DISPLAY_RATE = 20.0  # [Hz]; a day of eight channels then takes about 80 MB in a .rrd
-DISPLAY_STEP = 2.0**-13  # [m/s²], 0.12 mm/s²: a power of two leaves zero bits, which compress
+STEPS_IN_SPREAD = 128  # steps at least in the middle half of a chunk's samples: finer than a screen
 SAME_CLOCK = NANOSECONDS // 1000  # between the ends of two blocks that are read as one [ns]
 _TAPS_PER_SAMPLE = 8  # length of the low-pass filter in display samples
 
@@ -137,7 +137,19 @@ def low_pass(factor: int) -> FloatArray:
 
 
 def _on_step(samples: FloatArray) -> FloatArray:
-    return np.round(samples / DISPLAY_STEP) * DISPLAY_STEP
+    """Round each channel to a power of two well below its spread: its zero bits compress.
+
+    Why not one step: the unit may be any, and a sensor's noise may change a hundredfold. A spike
+    moves no quartile; a channel that hardly ever changes is left as it is.
+    """
+    if not len(samples):
+        return samples
+    ordered = np.sort(samples, axis=0)  # NaN last
+    with np.errstate(invalid="ignore"):
+        spread = ordered[3 * len(samples) // 4] - ordered[len(samples) // 4]
+    known = np.isfinite(spread) & (spread > 0)
+    step = 2.0 ** np.floor(np.log2(np.where(known, spread, 1.0) / STEPS_IN_SPREAD))
+    return np.where(known, np.round(samples / step) * step, samples)
 
 
 def _after_gap(gap_start_ns: int, signal: DisplaySignal) -> DisplaySignal:
