@@ -73,19 +73,25 @@ def log_estimate(
             _log_identified_style(recording, path, name, _direction(mode, estimate, layout))
         recording.log(path, rr.Scalars(mode.frequency))
         if mode.name:
-            _log_change(recording, root, mode, first)
+            _log_change(recording, root, mode, styled=styled, first=first)
 
 
 def _log_change(
-    recording: rr.RecordingStream, root: str, mode: Mode, first: dict[str, float]
+    recording: rr.RecordingStream,
+    root: str,
+    mode: Mode,
+    *,
+    styled: set[str],
+    first: dict[str, float],
 ) -> None:
     """Draw a track's frequency relative to its first one [%]: on one axis for all modes."""
     path = f"{root}/frequencies/change/{entity_part(mode.name)}"
-    if mode.name not in first:
-        colour = colours.LEVELS[len(first) % len(colours.LEVELS)]
-        name = f"{mode.name}, {in_hertz(mode.frequency)} Hz [%]"
-        log_line_style(recording, path, name, colour, width=1.5)
     reference = first.setdefault(mode.name, mode.frequency)
+    if path not in styled:
+        styled.add(path)
+        colour = colours.LEVELS[list(first).index(mode.name) % len(colours.LEVELS)]
+        name = f"{mode.name}, {in_hertz(reference)} Hz [%]"
+        log_line_style(recording, path, name, colour, width=1.5)
     recording.log(path, rr.Scalars(100.0 * (mode.frequency / reference - 1.0)))
 
 

@@ -513,6 +513,35 @@ def test_every_day_has_a_file_of_its_own_that_stands_alone(tmp_path: Path):
     assert second.n_blueprints == 2
 
 
+def test_the_next_days_file_goes_on_with_the_sizes_of_a_change_and_the_first_frequencies(
+    tmp_path: Path,
+):
+    day = 86_400 * NANOSECONDS
+    messages = list(session(Episode(n_windows=1)))
+    (estimated,) = (each for each in messages if isinstance(each, ModalEstimate))
+    (posterior,) = (each for each in messages if isinstance(each, FoundationPosterior))
+    blocks = [message for message in messages if isinstance(message, AccelerationBlock)]
+    lower = replace(
+        estimated,
+        start_ns=estimated.start_ns + day,
+        end_ns=estimated.end_ns + day,
+        modes=tuple(replace(each, frequency=0.95 * each.frequency) for each in estimated.modes),
+    )
+    ratio = RelativeStiffness("k22", 0.9, 0.88, 0.92, START_NS)
+    later = replace(posterior, time_ns=posterior.time_ns + day, relative=(ratio,))
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    next_day = [replace(block, start_ns=block.start_ns + day) for block in blocks]
+    for message in [*messages, change_event(1), *next_day, lower, later]:
+        viewer.handle(message)
+    viewer.close()
+    first, second = Recorded(tmp_path / "s.rrd"), Recorded(tmp_path / "s-2026-01-02.rrd")
+    size, change = f"{ROOT}/change/size/k22", f"{ROOT}/frequencies/change/m5"
+    assert second.scalars(size)[-1] == pytest.approx([-12.0, -10.0, -8.0])
+    assert second.series_names(size) == first.series_names(size)
+    assert second.scalars(change).ravel() == pytest.approx([-5.0])
+    assert second.series_names(change) == first.series_names(change)
+
+
 def test_two_turbines_share_a_recording_side_by_side(tmp_path: Path):
     viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
     for turbine in ("north", "south"):
