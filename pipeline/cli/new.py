@@ -168,7 +168,9 @@ def new(
 
 def _again(files: list[Path], project: "NewProject", options: dict[str, Any]) -> list[str]:
     """Return the command that starts from the project's layout, with all else that this one had."""
-    from pipeline.offline.new_project import LAYOUT_FILE, NO_STRUCTURE, STRUCTURE_FILE
+    from pipeline.offline.new_project import STRUCTURE_FILE
+    from pipeline.scenario import NO_STRUCTURE
+    from pipeline.sources.sources import LAYOUT_FILE
 
     structure, folder = project.structure, project.folder
     stated = {

@@ -90,7 +90,7 @@ class ModeView:
                 if layout is not None:
                     channels = layout.channel_names if estimate is None else estimate.channels
                     shape = posterior.model_shapes[row]
-                    model = deflection(layout, channels, shape)
+                    model = deflection(layout, channels, shape).scaled(self._outline.scale)
                     tower_views.log_model_shape(self._recording, self._root, label, model)
                     self._draw_identified_shape(label, shape, mode, channels, layout)
                     self._caption(label, model, pair)
@@ -194,7 +194,7 @@ class ModeView:
         identified = None
         if mode is not None:
             scaled = scale_onto(mode.shape, model_shape)
-            identified = deflection(layout, channels, scaled)
+            identified = deflection(layout, channels, scaled).scaled(self._outline.scale)
         tower_views.log_identified_shape(self._recording, self._root, label, identified)
 
     def _caption(self, label: str, model: Deflection, pair: ModePair | None) -> None:

@@ -6,6 +6,7 @@ from itertools import groupby
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.viewer.drawing import plots_2d as plane_views
@@ -38,11 +39,16 @@ class KnownLayouts:
 
     def named(self, layout_id: str) -> SensorLayout | None:
         """Return a unit's layout, or that of all units together under their joined name."""
-        if layout_id in self._by_id or not self._by_id:
-            return self._by_id.get(layout_id)
-        units = {layout.unit: layout for layout in self.all}  # the newest of each unit
-        joined = joined_layout([units[unit] for unit in sorted(units)])
-        return joined if joined.layout_id == layout_id else None
+        units = self.units_of(layout_id)
+        return joined_layout(units) if units else None
+
+    def units_of(self, layout_id: str) -> tuple[SensorLayout, ...]:
+        """Return the layouts of the units that a name stands for, in the order of its channels."""
+        if layout_id in self._by_id:
+            return (self._by_id[layout_id],)
+        newest = {layout.unit: layout for layout in self.all}
+        units = tuple(newest[unit] for unit in sorted(newest))
+        return units if units and joined_layout(units).layout_id == layout_id else ()
 
     def of_posterior(
         self, posterior: FoundationPosterior, estimate: ModalEstimate | None
@@ -145,17 +151,28 @@ class SignalView:
         return max(0, newest.last_sequence - last_sequence) * newest.block_duration
 
     def draw_spectrum(self, estimate: ModalEstimate) -> None:
-        """Draw the spectra of the window's samples, where all of them are still in memory."""
-        layout = self._layouts.named(estimate.layout_id)
-        unit = None if layout is None else self._units.get(layout.unit)
-        if unit is None or layout is None:
+        """Draw the spectra of the window's samples, of all of its units, as far as they are still
+        in memory."""
+        layouts = self._layouts.units_of(estimate.layout_id)
+        parts: list[NDArray[np.float32]] = []
+        rates: set[float] = set()
+        for layout in layouts:
+            unit = self._units.get(layout.unit)
+            found = unit and unit.recent.between(estimate.start_ns, estimate.end_ns)
+            if not found or found[0].shape[1] != len(layout.channels):
+                return
+            parts.append(found[0])
+            rates.add(found[1])
+        if len(rates) != 1:
             return
-        found = unit.recent.between(estimate.start_ns, estimate.end_ns)
-        if found is None or found[0].shape[1] != len(layout.channels):
-            return
-        samples, sampling_rate = found
-        frequencies = [mode.frequency for mode in estimate.modes]
-        picture = spectrum_picture(samples, sampling_rate, layout, frequencies)
+        length = min(map(len, parts))
+        picture = spectrum_picture(
+            np.hstack([part[-length:] for part in parts]),
+            rates.pop(),
+            layouts,
+            [mode.frequency for mode in estimate.modes],
+            duration=estimate.duration,
+        )
         plane_views.log_spectrum(self._recording, self._root, picture)
 
     def _faults_of(self, block: AccelerationBlock, unit: _Unit) -> list[FaultyChannels]:

@@ -6,7 +6,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from pipeline.viewer.drawing.entities import signal_paths
-from pipeline.viewer.pictures.spectrum import measured_sides
+from pipeline.viewer.pictures.spectrum import PITCH, channels_along, measured_sides
 from pipeline.viewer.tabs.narrow import alone, in_tabs
 from pipeline.viewer.view_parameters import ViewParameters, plane, time_series
 from sensors.acquisition.layout import SensorLayout
@@ -16,7 +16,7 @@ def signals(root: str, parameters: ViewParameters) -> rrb.Horizontal:
     """Return the tab for a wide screen."""
     return rrb.Horizontal(
         rrb.Vertical(*_accelerations(root, parameters)),
-        spectrum_view(root),
+        spectrum_view(root, parameters),
         column_shares=[1, 1],
         name="Signals",
     )
@@ -29,7 +29,7 @@ def narrow_signals(root: str, parameters: ViewParameters) -> rrb.Tabs:
         rrb.Vertical(*_accelerations(root, parameters), name="Series"),
         alone(
             "Spectra",
-            spectrum_view(root),
+            spectrum_view(root, parameters),
             "Last window, colours as in Series; upright lines: modes",
         ),
     )
@@ -54,8 +54,8 @@ def accelerations_view(
     path: str, layout: SensorLayout, side: int, *, of: str = ""
 ) -> rrb.TimeSeriesView:
     """Return the accelerations of one layout along one axis; `of` says which of its unit's."""
-    name = ("fore-aft (x)", "side-side (y)")[side]
-    along = [abs(channel.direction[side]) > 0.7 for channel in layout.channels]
+    name = ("fore-aft (x)", "side-side (y)", "vertical (z)")[side]
+    along = [channel in channels_along(layout, side) for channel in range(len(layout.channels))]
     quantity, unit = _quantity(layout)
     title = f"{quantity} {name} of unit {layout.unit}{of} [{unit}]"
     shown = {path: rr.SeriesLines(visible_series=along)}
@@ -70,11 +70,12 @@ def _quantity(layout: SensorLayout) -> tuple[str, str]:
     return "Signal", ", ".join(sorted(units - {""})) or "unscaled"
 
 
-def spectrum_view(root: str) -> rrb.Spatial2DView:
+def spectrum_view(root: str, parameters: ViewParameters) -> rrb.Spatial2DView:
     """Return the spectra of the last window."""
+    sides = {side for layout in parameters.layouts for side in measured_sides(layout)}
     return plane(
         f"{root}/spectrum",
         "Spectra of the last window, colours as on the left; lines: identified frequencies [Hz]",
         [-0.3, 2.75],
-        [-0.2, 2.7],
+        [-0.2, 2.7 + PITCH * (len(sides) > 2)],
     )

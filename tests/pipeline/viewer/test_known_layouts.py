@@ -33,6 +33,7 @@ def test_all_units_together_have_the_name_that_the_identification_gives_them() -
     together = joined_layout([LOWER, UPPER])  # in the order of their names, as windows have them
     found = known(UPPER, LOWER).named(together.layout_id)
     assert found == together
+    assert known(UPPER, LOWER).units_of(together.layout_id) == (LOWER, UPPER)
     renewed = replace(UPPER, layout_id="high, turned")
     assert known(UPPER, LOWER, renewed).named(together.layout_id) is None
 

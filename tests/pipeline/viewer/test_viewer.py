@@ -542,6 +542,52 @@ def test_the_next_days_file_goes_on_with_the_sizes_of_a_change_and_the_first_fre
     assert second.series_names(change) == first.series_names(change)
 
 
+def test_the_spectra_of_a_turbine_with_two_units_are_of_both(tmp_path: Path):
+    units = [
+        replace(LAYOUT, layout_id=name, unit=name, channels=LAYOUT.channels[half])
+        for name, half in (("a", slice(4)), ("b", slice(4, 8)))
+    ]
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    for unit in units:
+        viewer.handle(unit)
+    for message in session(Episode(n_windows=1)):
+        if isinstance(message, AccelerationBlock):
+            for unit, half in zip(units, np.hsplit(message.samples, 2), strict=True):
+                name = unit.unit
+                viewer.handle(replace(message, unit=name, layout_id=name, samples=half.copy()))
+        elif isinstance(message, ModalEstimate):
+            viewer.handle(replace(message, layout_id="a+b"))
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    (lines,) = recorded.column(f"{ROOT}/spectrum/channels", "LineStrips2D:strips")
+    assert len(lines) == len(LAYOUT.channels)
+
+
+def test_shapes_of_a_small_structure_are_drawn_as_tall_as_it_is(tmp_path: Path):
+    """Of a model, and identified: axis and sensors are enlarged to DRAWN_HEIGHT."""
+    foot = DESCRIPTION.mudline
+    shrink = 50 / (DESCRIPTION.tower_top - foot)
+    tubes = tuple(
+        replace(tube, bottom=(tube.bottom - foot) * shrink, top=(tube.top - foot) * shrink)
+        for tube in DESCRIPTION.tubes
+    )
+    small = replace(DESCRIPTION, tubes=tubes, water=None)
+    channels = tuple(
+        replace(each, elevation=(each.elevation - foot) * shrink) for each in LAYOUT.channels
+    )
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], small, session="s", strict=True)
+    for message in session(Episode(n_windows=1, truth=False)):
+        is_layout = isinstance(message, type(LAYOUT))
+        viewer.handle(replace(LAYOUT, channels=channels) if is_layout else message)
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    ((line,),) = recorded.column(f"{ROOT}/shapes/3/motion/model", "LineStrips3D:strips")
+    (dots,) = recorded.column(f"{ROOT}/shapes/3/motion/identified", "Points3D:positions")
+    (sensors,) = recorded.column(f"{ROOT}/tower/sensors/tower", "Points3D:positions", static=True)
+    for drawn in (line, dots):
+        assert np.array(drawn)[:, 2] == pytest.approx(np.array(sensors)[:, 2])
+
+
 def test_two_turbines_share_a_recording_side_by_side(tmp_path: Path):
     viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
     for turbine in ("north", "south"):
