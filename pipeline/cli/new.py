@@ -18,6 +18,7 @@ from pipeline.cli.console import (
     escape_markup,
     output,
     print_json,
+    print_written,
     stderr,
 )
 from pipeline.state.phrases import count_noun
@@ -159,10 +160,9 @@ def new(
         )
     if drawing:
         output.print(_structure_line(drawing[0]), soft_wrap=True, highlight=False)
-    where = escape_markup(str(folder))
-    written = [f"{where}/layout.toml", f"{where}/scenario.toml", *drawing, project.recording]
     place = escape_markup(shlex.quote(str(folder)))
-    output.print(f"Written: {', '.join(map(str, written))}", soft_wrap=True)
+    own = [folder / "layout.toml", folder / "scenario.toml"]
+    print_written([*own, *drawing, project.recording])
     output.print(f"Next:  cd {place} && pilewatch run && pilewatch report out", soft_wrap=True)
 
 
