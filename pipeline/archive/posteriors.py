@@ -23,8 +23,7 @@ from pipeline.archive.compact import kept_estimate, restored_estimate
 from pipeline.archive.store import StoredFrame, frames_of, key_of_result, messages_in
 from pipeline.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
-from pipeline.nodes.operating_state import OperationSettings, usable_estimate
-from pipeline.nodes.updating import at_its_channels
+from pipeline.nodes.operating_state import OperationSettings, at_its_channels, usable_estimate
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState

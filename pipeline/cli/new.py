@@ -178,10 +178,10 @@ def _again(files: list[Path], project: "NewProject", options: dict[str, Any]) ->
         "--dates": options["dates"],
         "--zone": options["zone"] or None,
         "--water-level-zero": options["water_level_zero"] or None,
-        "--structure": str(folder / structure) if structure == STRUCTURE_FILE else structure,
+        "--structure": None if structure == NO_STRUCTURE else structure,
     }
-    if structure == NO_STRUCTURE:
-        del stated["--structure"]
+    if structure == STRUCTURE_FILE:
+        stated["--structure"] = str(folder / structure)
     words = [word for name, value in stated.items() if value is not None for word in (name, value)]
     words += [word for path in options["scada"] for word in ("--scada", path)]
     numbers = (f"{folder}-{number}" for number in count(2))

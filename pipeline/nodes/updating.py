@@ -9,7 +9,6 @@ from typing import Any
 
 from pipeline.messages import (
     FoundationEvent,
-    FoundationPosterior,
     Message,
     ModalEstimate,
     QualityWarning,
@@ -19,7 +18,12 @@ from pipeline.messages import (
 )
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
-from pipeline.nodes.operating_state import OperationSettings, usable_estimate
+from pipeline.nodes.operating_state import (
+    Answer,
+    OperationSettings,
+    at_its_channels,
+    usable_estimate,
+)
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
@@ -34,7 +38,6 @@ MOST_DIFFERENT = 16  # units whose layout differs from the scenario's that are r
 
 _READ_AT = attrgetter("elevation", "direction", "coupling")  # what of a channel the model needs
 
-Answer = FoundationEvent | FoundationPosterior | WindowRejected
 Boots = tuple[tuple[str, str, int], ...]  # unit, session and number of each unit's boot
 
 
@@ -193,24 +196,6 @@ class TurbineUpdating:
         self._answers = tuple(each for each in snapshot.messages if isinstance(each, Answer))
         estimates = [each for each in past if isinstance(each, ModalEstimate)]
         return (a for each in estimates if each not in self._answered for a in self.handle(each))
-
-
-def at_its_channels(answer: Answer, estimate: ModalEstimate, channels: Sequence[str]) -> Answer:
-    """Return the answer with the model's shapes at the estimate's channels, in their order.
-
-    Parameters
-    ----------
-    answer : FoundationEvent, FoundationPosterior or WindowRejected
-        Only a posterior has shapes.
-    estimate : ModalEstimate
-        That it answers: of some of the updating's channels, in any order.
-    channels : sequence of str
-        The updating's, in whose order its shapes are.
-    """
-    if not isinstance(answer, FoundationPosterior) or estimate.channels == tuple(channels):
-        return answer
-    columns = [channels.index(name) for name in estimate.channels]
-    return replace(answer, model_shapes=answer.model_shapes[:, columns])
 
 
 def _identified(answer: Answer, estimate: ModalEstimate) -> Answer:

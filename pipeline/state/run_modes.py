@@ -11,7 +11,7 @@ from sensors.arrays import FloatArray
 from sensors.bounded_dict import BoundedDict
 from sensors.json_values import Json, known
 
-MOST_UNANSWERED = 20  # windows that the identification may be ahead of the updating
+MOST_WINDOWS_AHEAD = 20  # windows that the identification may be ahead of the updating
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ class CombinedTracks:
         self._tracks: dict[str, _Track] = {}  # by name, in the order in which they were first seen
         self._added = 0
         # end of a window [ns] → its channels, of those that a posterior may still answer
-        self._channels = BoundedDict[int, tuple[str, ...]](MOST_UNANSWERED)
+        self._channels = BoundedDict[int, tuple[str, ...]](MOST_WINDOWS_AHEAD)
         for estimate in estimates:
             self.add(estimate)
 
