@@ -19,7 +19,7 @@ from pipeline.messages import (
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import (
-    Answer,
+    Answer as Answer,  # which the library takes from here
     OperationSettings,
     at_its_channels,
     usable_estimate,
