@@ -377,7 +377,10 @@ class FoundationPosterior:
     model_frequencies: FloatArray
     """Their frequencies at the median, (n_labels,) [Hz]."""
     model_shapes: FloatArray
-    """Their shapes at the median, largest component 1, (n_labels, n_channels) [-]."""
+    """Their shapes at the median, (n_labels, n_channels) [-].
+
+    A column for each channel of the last window's ModalEstimate, in its order. The largest
+    component is 1; it may be of a channel that the estimate lacks."""
     sampler: str
     """Name of the sampler: "laplace", "importance", "emcee", …"""
     ess: float

@@ -23,7 +23,7 @@ from pipeline.archive.compact import kept_estimate, restored_estimate
 from pipeline.archive.store import StoredFrame, frames_of, key_of_result, messages_in
 from pipeline.archive.work import Call
 from pipeline.messages import FoundationEvent, Message, ModalEstimate, WindowRejected
-from pipeline.nodes.operating_state import OperationSettings, usable_estimate
+from pipeline.nodes.operating_state import OperationSettings, at_its_channels, usable_estimate
 from pipeline.updating.population import StiffnessPopulation
 from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.state import UpdatingState
@@ -99,7 +99,7 @@ class StretchCall:
     @property
     def key(self) -> str:
         """Fingerprint of all that the posteriors depend on."""
-        return key_of_result("posteriors", self.plan.key, self.state, *self.estimates)
+        return key_of_result("posteriors 2", self.plan.key, self.state, *self.estimates)
 
 
 def posteriors(call: StretchCall) -> tuple[StoredFrame, ...]:
@@ -111,7 +111,8 @@ def posteriors(call: StretchCall) -> tuple[StoredFrame, ...]:
         for payload in call.estimates:
             estimate = restored_estimate(payload)
             state, _ = updater.accumulated(state, estimate)
-            answers.append(updater.refreshed(state, estimate)[1])
+            _, answer = updater.refreshed(state, estimate)
+            answers.append(at_its_channels(answer, estimate, state.evidence.channels))
     return frames_of(answers)
 
 
@@ -122,7 +123,8 @@ def anchored(call: StretchCall) -> tuple[StoredFrame, ...]:
     estimate = restored_estimate(call.estimates[0])
     with one_blas_thread():
         state, outcome = updater.accumulated(state, estimate)
-        state, posterior = updater.refreshed(state, estimate)
+        state, answer = updater.refreshed(state, estimate)
+    posterior = at_its_channels(answer, estimate, state.evidence.channels)
     answers = (outcome, posterior) if isinstance(outcome, FoundationEvent) else (posterior,)
     return (*frames_of(answers), (STATE_FRAME, updater.saved(state)))
 
@@ -213,7 +215,7 @@ class PosteriorPass:
 
     def _anchored(self, payload: bytes) -> Iterator[Message]:
         call = StretchCall(self._plan, self._updater.saved(self._state), (payload,))
-        frames = self._remembered(key_of_result("anchor", call.key), lambda: anchored(call))
+        frames = self._remembered(key_of_result("anchor 2", call.key), lambda: anchored(call))
         (state,) = (content for kind, content in frames if kind == STATE_FRAME)
         self._state = self._updater.restored(state, origin="the state of the archive")
         self._since_anchor = 0

@@ -5,7 +5,7 @@ import logging
 import re
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -174,6 +174,11 @@ def zenoh_settings(
 def print_json(figures: Any) -> None:
     """Print what a command found as JSON, for programs: not a table, and never folded."""
     typer.echo(json.dumps(figures, ensure_ascii=False, indent=2, default=str))
+
+
+def print_written(files: Iterable[Path]) -> None:
+    """Print which files a command has written, on one line."""
+    output.print(escape_markup(f"Written: {', '.join(map(str, files))}"), soft_wrap=True)
 
 
 def speed_of(text: str) -> float:

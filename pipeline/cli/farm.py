@@ -204,7 +204,8 @@ def reprocess(
                 files, out, chosen, scenario=scenario, sampler=sampler, report=bars
             )
     except KeyboardInterrupt:
-        stderr.print(f"Stopped. Finished results are kept in {out}; the same command continues.")
+        text = f"Stopped. Finished results are kept in {out}; the same command continues."
+        stderr.print(escape_markup(text))
         raise typer.Exit(130) from None
     if as_json:
         print_json(asdict(report) | {"out": out})
@@ -252,7 +253,8 @@ def _print_report(report: "ArchiveReport", out: Path) -> None:
     )
     if report.files > len(report.failures):
         output.print(text)
-        output.print(f"in {out}: {', '.join(path.name for path in report.tables)}")
+        names = ", ".join(path.name for path in report.tables)
+        output.print(escape_markup(f"in {out}: {names}"))
     if report.found_finished:
         output.print(f"{report.found_finished} results existed already, {report.done_now} are new")
     for copy in report.copies:

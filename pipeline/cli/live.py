@@ -20,6 +20,7 @@ from pipeline.cli.console import (
     escape_markup,
     output,
     print_json,
+    print_written,
     progress,
     speed_of,
     stderr,
@@ -305,10 +306,10 @@ def certificates(
     output.print(f"new certificates: {', '.join(made) or 'none'}", soft_wrap=True, markup=False)
     for warning in warnings:
         output.print(warning, soft_wrap=True, markup=False)
-    output.print("Written: " + ", ".join(str(path) for path in written), soft_wrap=True)
+    print_written(written)
     output.print(
         "On the shore: pilewatch run --source live --scenario my.toml "
-        f"--zenoh-config {folder}/{SHORE}.json5"
+        f"--zenoh-config {escape_markup(str(folder))}/{SHORE}.json5"
     )
 
 
@@ -345,7 +346,7 @@ def publish(
         return
     n_turbines = len(opened.turbines)
     turbines = f"{n_turbines} turbines" if n_turbines > 1 else opened.layout.turbine
-    output.print(f"{count} blocks of {turbines} published")
+    output.print(f"{count} blocks of {escape_markup(turbines)} published")
 
 
 def _published(source: str, scenario: str | None) -> "Source | RecordedSource":
@@ -399,4 +400,5 @@ def control(
     for answer in answers:
         pace = "as fast as possible" if answer["speed"] is None else f"{answer['speed']:g} ×"
         state = "playing" if answer["playing"] else "paused"
-        output.print(f"{answer['source']}: {state} at {answer['position_s']:.1f} s, {pace}")
+        source = escape_markup(answer["source"])
+        output.print(f"{source}: {state} at {answer['position_s']:.1f} s, {pace}")

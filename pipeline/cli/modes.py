@@ -85,7 +85,7 @@ def identify(
         raise InputError(f"--plot {plot}: the folder {plot.parent} does not exist")
     file = one_recording(file) if file.is_dir() else file
     try:
-        with stderr.status(f"identifying {file}"):
+        with stderr.status(escape_markup(f"identifying {file}")):
             found = identify_file(
                 file,
                 sampling_rate=sampling_rate,
@@ -162,13 +162,14 @@ def _draw(found: "FileIdentification", file: Path, plot: Path) -> None:
 
     window = found.first_identified
     if window is None:
-        stderr.print(f"{plot} was not drawn: no window of {file} was identified", soft_wrap=True)
+        text = f"{plot} was not drawn: no window of {file} was identified"
+        stderr.print(escape_markup(text), soft_wrap=True)
         return
     title = f"{file.name}, window {window.number + 1}"
     draw_stabilisation(
         window.identification, window.samples, found.sampling_rate, plot, title=title
     )
-    stderr.print(f"Drawn: {plot} ({title})", soft_wrap=True)
+    stderr.print(escape_markup(f"Drawn: {plot} ({title})"), soft_wrap=True)
 
 
 def modes(
@@ -223,7 +224,7 @@ def describe(
         figures = structure_figures(load_turbine(turbine))
     if plot is not None:
         draw_structure(figures, plot)
-        stderr.print(f"Drawn: {plot}", soft_wrap=True)
+        stderr.print(escape_markup(f"Drawn: {plot}"), soft_wrap=True)
     if as_json:
         output.print_json(json.dumps(figures.as_json()))
     else:

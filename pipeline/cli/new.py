@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +18,7 @@ from pipeline.cli.console import (
     escape_markup,
     output,
     print_json,
+    print_written,
     stderr,
 )
 from pipeline.state.phrases import count_noun
@@ -106,7 +108,6 @@ def new(
         raise InputError(f"{folders[0]} is a folder; name the files in it")
     asking = sys.stdin.isatty() and stderr.is_terminal and not (yes or as_json)
     project = _started(files, folder, options, asking=asking)
-    sampling_rate = options["sampling_rate"]
     drawing = _drawn(project)
     if as_json:
         channels = [asdict(each) for each in project.channels]
@@ -148,28 +149,45 @@ def new(
         for line in _water_lines(project.water):
             output.print(line, soft_wrap=True, highlight=False)
     if not project.complete:
-        layout, scenario = folder / "layout.toml", folder / "scenario.toml"
-        rate = "" if sampling_rate is None else f"--sampling-rate {sampling_rate:g} "
-        recording = shlex.quote(str(project.recording))
-        again = (
-            f"rm {recording} && pilewatch import {shlex.join(map(str, files))} {rate}"
-            f"--layout {shlex.quote(str(layout))} --scenario {shlex.quote(str(scenario))} "
-            f"-o {recording}"
-        )
         output.print(
             escape_markup(
                 "What the names do not have is a guess. Where heights and axes matter (mode "
-                f"shapes, a structure), correct {layout} and make the recording again:  {again}"
+                f"shapes, a structure), correct {folder / 'layout.toml'} and start from it:  "
+                f"{shlex.join(_again(files, project, options))}"
             ),
             soft_wrap=True,
+            highlight=False,
         )
     if drawing:
         output.print(_structure_line(drawing[0]), soft_wrap=True, highlight=False)
-    where = escape_markup(str(folder))
-    written = [f"{where}/layout.toml", f"{where}/scenario.toml", *drawing, project.recording]
     place = escape_markup(shlex.quote(str(folder)))
-    output.print(f"Written: {', '.join(map(str, written))}", soft_wrap=True)
+    own = [folder / "layout.toml", folder / "scenario.toml"]
+    print_written([*own, *drawing, project.recording])
     output.print(f"Next:  cd {place} && pilewatch run && pilewatch report out", soft_wrap=True)
+
+
+def _again(files: list[Path], project: "NewProject", options: dict[str, Any]) -> list[str]:
+    """Return the command that starts from the project's layout, with all else that this one had."""
+    from pipeline.offline.new_project import STRUCTURE_FILE
+    from pipeline.scenario import NO_STRUCTURE
+    from pipeline.sources.sources import LAYOUT_FILE
+
+    structure, folder = project.structure, project.folder
+    stated = {
+        "--sampling-rate": options["sampling_rate"],
+        "--dates": options["dates"],
+        "--zone": options["zone"] or None,
+        "--water-level-zero": options["water_level_zero"] or None,
+        "--structure": None if structure == NO_STRUCTURE else structure,
+    }
+    if structure == STRUCTURE_FILE:
+        stated["--structure"] = str(folder / structure)
+    words = [word for name, value in stated.items() if value is not None for word in (name, value)]
+    words += [word for path in options["scada"] for word in ("--scada", path)]
+    numbers = (f"{folder}-{number}" for number in count(2))
+    free = next(each for each in numbers if not Path(each).exists())
+    known = ["--layout", folder / LAYOUT_FILE, *words, "-o", free]
+    return ["pilewatch", "new", *map(str, files), *map(str, known)]
 
 
 def _water_json(water: "ReportedWater") -> dict[str, Any]:

@@ -101,7 +101,7 @@ def _print_written(file: Path, as_json: bool) -> None:
     if as_json:
         print_json({"file": str(file), "size_bytes": size})
     else:
-        output.print(f"{file}: {size / 1e6:.2f} MB", soft_wrap=True)
+        output.print(f"{escape_markup(str(file))}: {size / 1e6:.2f} MB", soft_wrap=True)
 
 
 def info(
@@ -121,7 +121,7 @@ def info(
     from pipeline.sources.session_files import one_recording
 
     file = one_recording(file)
-    with stderr.status(f"reading {file}"):
+    with stderr.status(escape_markup(f"reading {file}")):
         found = recording_info(file)
     if as_json:
         output.print_json(json.dumps(info_json(found)))
@@ -148,14 +148,15 @@ def salvage(
     from pipeline.sources.session_files import is_of_session
 
     target = salvaged_name(file) if out is None else out
-    with stderr.status(f"reading {file}"):
+    with stderr.status(escape_markup(f"reading {file}")):
         salvaged_content = salvaged(file, target)
     if as_json:
         print_json({"file": str(target), "recovered": salvaged_content.recovered})
     else:
-        output.print(f"{target}: {salvaged_content.recovered}", soft_wrap=True)
+        output.print(escape_markup(f"{target}: {salvaged_content.recovered}"), soft_wrap=True)
         if is_of_session(file):
-            output.print(f"Use: {how_to_use(file, target)}", soft_wrap=True, highlight=False)
+            use = escape_markup(how_to_use(file, target))
+            output.print(f"Use: {use}", soft_wrap=True, highlight=False)
 
 
 def import_files(
@@ -270,4 +271,4 @@ def export(
         return
     for each in files:
         content = count_noun(each.rows, what)
-        output.print(f"{each.path}: {content}", soft_wrap=True, highlight=False)
+        output.print(escape_markup(f"{each.path}: {content}"), soft_wrap=True, highlight=False)

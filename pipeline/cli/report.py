@@ -36,13 +36,14 @@ def report(
     from pipeline.report.page import write_page
     from pipeline.report.recorded_session import read_session
 
-    with stderr.status(f"reading {session}"):
+    with stderr.status(escape_markup(f"reading {session}")):
         read = read_session(session)
     if out is not None or not as_json:
         page = out or Path("report.html")
-        with stderr.status(f"drawing {page}"):
+        with stderr.status(escape_markup(f"drawing {page}")):
             write_page(read, page)
-        stderr.print(f"{page}: {page.stat().st_size / 1e6:.2f} MB", soft_wrap=True)
+        size = f"{page.stat().st_size / 1e6:.2f} MB"
+        stderr.print(f"{escape_markup(str(page))}: {size}", soft_wrap=True)
     if as_json:
         output.print_json(json.dumps(session_json(read)))
 
@@ -92,7 +93,7 @@ def _draw(recording: Path, out: Path | None, view: str | None) -> None:
         with progress(f"drawing {recording}", duration) as report:
             draw_recording(recording, (drawn,), report=report)
         if isinstance(drawn, RrdFile):
-            output.print(f"Open it: rerun {drawn.path}", soft_wrap=True)
+            output.print(escape_markup(f"Open it: rerun {drawn.path}"), soft_wrap=True)
         with stop_on_signals() as stopping:
             shown.wait(stopping)
 
@@ -125,7 +126,7 @@ def audit(
     from pipeline.offline.audit import audit as audit_folder
 
     period = AuditPeriod(_moment("--since", since, 0), _moment("--until", until, NO_END_NS))
-    with stderr.status(f"reading {folder}"):
+    with stderr.status(escape_markup(f"reading {folder}")):
         found = audit_folder(folder, period)
     if as_json:
         output.print_json(json.dumps(found.as_json()))

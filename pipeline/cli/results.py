@@ -55,7 +55,7 @@ def print_results(
     for event in figures["events"]:
         output.print(f"[bold]change:[/] {escape_markup(event['text'])}")
         if event["revised"] is not None:
-            output.print(f"  {event['revised']['text']}")
+            output.print(escape_markup(f"  {event['revised']['text']}"))
     for code, reasons in _by_code(figures["windows"]["rejected"]).items():
         for rejected in reasons[:PRINTED_PER_CODE]:
             start = rejected["start"]  # null before anything was measured

@@ -22,6 +22,7 @@ from pipeline.cli.console import (
     escape_markup,
     open_view,
     output,
+    print_written,
     progress,
     speed_of,
     stop_on_signals,
@@ -258,9 +259,9 @@ def _print_session(session: Any, source: Any) -> None:
         f"{stream['late']} late, {stream['duplicate']} duplicate; "
         f"{_measured(figures)} in {timing['wall_s']:.1f} s"
     )
-    output.print("Written: " + ", ".join(str(path) for path in session.files), soft_wrap=True)
+    print_written(session.files)
     for pictures in (path for path in session.files if path.suffix == ".rrd"):
-        output.print(f"Open it: rerun {pictures}", soft_wrap=True)
+        output.print(escape_markup(f"Open it: rerun {pictures}"), soft_wrap=True)
 
 
 def _measured(figures: dict[str, Any]) -> str:

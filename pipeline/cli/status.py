@@ -81,7 +81,8 @@ def metrics(
         served(metrics_node, port, address) as served_port,
         open_session(lambda: ZenohBus(settings, stopping)) as bus,
     ):
-        stderr.print(f"Metrics at http://{address}:{served_port}/metrics; Ctrl-C ends it.")
+        where_read = escape_markup(f"http://{address}:{served_port}/metrics")
+        stderr.print(f"Metrics at {where_read}; Ctrl-C ends it.")
         named = ", ".join(where) or f"the sessions of {zenoh_config}"
         listened(metrics_node, bus, stopping, where=named)
 
@@ -150,8 +151,8 @@ def notices(
     else:
         table = table_of("", "channel", "receiver", "time [s]", "result")
         for each in results:
-            result = escape_markup(each.problem) if each.problem else "delivered"
-            table.add_row(each.channel, escape_markup(each.place), f"{each.seconds:.2f}", result)
+            result = each.problem or "delivered"
+            table.add_row(each.channel, each.place, f"{each.seconds:.2f}", result)
         output.print(table)
     failed = [each.channel for each in results if each.problem]
     if failed:

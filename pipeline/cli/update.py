@@ -20,8 +20,10 @@ from pipeline.cli.console import (
     JsonOption,
     SamplerOption,
     ScenarioOption,
+    escape_markup,
     output,
     print_json,
+    print_written,
     progress,
     progress_bars,
     stderr,
@@ -107,7 +109,7 @@ def reproduce(
     if as_json:
         print_json({"files": [str(path) for path in files]})
     else:
-        output.print("Written: " + ", ".join(str(path) for path in files), soft_wrap=True)
+        print_written(files)
 
 
 def _show_progress(bar: Progress, task: TaskID, done: float) -> None:
@@ -160,7 +162,7 @@ def calibrate(
         return
     output.print(calibration_table(found))
     for line in unknown_lines(found):
-        output.print(line, soft_wrap=True)
+        output.print(escape_markup(line), soft_wrap=True)
     if not found.level_known:
         output.print(
             "No water level was reported: all windows are one group, so that the tide separates "

@@ -10,6 +10,8 @@ from typing import ClassVar, TypeVar
 import numpy as np
 
 from pipeline.messages import (
+    FoundationEvent,
+    FoundationPosterior,
     ModalEstimate,
     Mode,
     QualityWarning,
@@ -150,6 +152,9 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values)) if values else math.nan
 
 
+Answer = FoundationEvent | FoundationPosterior | WindowRejected
+
+
 def usable_estimate(
     estimate: ModalEstimate, settings: OperationSettings, layout: SensorLayout | None
 ) -> ModalEstimate | WindowRejected:
@@ -228,3 +233,21 @@ def _turned(mode: Mode, turn: FloatArray) -> Mode:
     factor = mode.covariance_factor.copy()
     factor[2:] = renormalised_factor(shape, turn @ mode.covariance_factor[2:], unit)
     return replace(mode, shape=normalised_to(shape, unit), covariance_factor=factor)
+
+
+def at_its_channels(answer: Answer, estimate: ModalEstimate, channels: Sequence[str]) -> Answer:
+    """Return the answer with the model's shapes at the estimate's channels, in their order.
+
+    Parameters
+    ----------
+    answer : FoundationEvent, FoundationPosterior or WindowRejected
+        Only a posterior has shapes.
+    estimate : ModalEstimate
+        That it answers: of some of the updating's channels, in any order.
+    channels : sequence of str
+        The updating's, in whose order its shapes are.
+    """
+    if not isinstance(answer, FoundationPosterior) or estimate.channels == tuple(channels):
+        return answer
+    columns = [channels.index(name) for name in estimate.channels]
+    return replace(answer, model_shapes=answer.model_shapes[:, columns])

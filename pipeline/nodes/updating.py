@@ -9,7 +9,6 @@ from typing import Any
 
 from pipeline.messages import (
     FoundationEvent,
-    FoundationPosterior,
     Message,
     ModalEstimate,
     QualityWarning,
@@ -19,7 +18,14 @@ from pipeline.messages import (
 )
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
-from pipeline.nodes.operating_state import OperationSettings, usable_estimate
+from pipeline.nodes.operating_state import (
+    Answer as Answer,  # which the library takes from here
+)
+from pipeline.nodes.operating_state import (
+    OperationSettings,
+    at_its_channels,
+    usable_estimate,
+)
 from pipeline.updating.state import UpdatingState
 from pipeline.updating.updater import FoundationUpdater
 from sensors.acquisition.layout import SensorLayout
@@ -34,7 +40,6 @@ MOST_DIFFERENT = 16  # units whose layout differs from the scenario's that are r
 
 _READ_AT = attrgetter("elevation", "direction", "coupling")  # what of a channel the model needs
 
-Answer = FoundationEvent | FoundationPosterior | WindowRejected
 Boots = tuple[tuple[str, str, int], ...]  # unit, session and number of each unit's boot
 
 
@@ -140,6 +145,8 @@ class TurbineUpdating:
             return (usable,)
         try:
             self._state, answers = self._updater.watched(self._state, usable)
+            channels = self._state.evidence.channels
+            answers = tuple(at_its_channels(each, estimate, channels) for each in answers)
         except Exception as error:  # else it would end every refresh to come, at each start again
             logger.exception("window %d of %s", estimate.window, estimate.turbine)
             reason = f"the updating failed: {error!r}; the log has where"

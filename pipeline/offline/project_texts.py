@@ -96,7 +96,8 @@ def layout_text(
     """Return the layout file of guessed channels, each with what it was read from."""
     lines = [
         "# Axes: x downwind (fore-aft), y to the side (side-side), z up from mean water level.",
-        "# What was guessed stands beside each channel; correct it and run `pilewatch import`.",
+        "# What was guessed stands beside each channel; correct it and start from this file with\n"
+        "# `pilewatch new FILE --layout`.",
         f"turbine = {toml_string(turbine)}",
     ]
     for each in channels:

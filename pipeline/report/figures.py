@@ -173,7 +173,7 @@ def mode_shapes(record: TurbineRecord) -> str:
     modes = [
         mode
         for mode in record.state.modes
-        if layout is not None and len(mode.shape) == len(layout.channels)
+        if layout is not None and set(mode.channels) <= set(layout.channel_names)
     ][:SHAPES]
     if layout is None or not modes:
         return ""
@@ -182,7 +182,7 @@ def mode_shapes(record: TurbineRecord) -> str:
     with page_figure(0.5 + 1.7 * rows) as page:
         panels = page.figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
         for axes, mode in zip(panels.flat, modes, strict=False):
-            _shape_panel(axes, deflection(layout, layout.channel_names, np.array(mode.shape)))
+            _shape_panel(axes, deflection(layout, mode.channels, np.array(mode.shape)))
             label = mode.name if mode.pair is None else f"mode {mode.name}"
             axes.set_title(f"{label}\n{in_hertz(mode.frequency)} Hz")
         for axes in panels.flat[len(modes) :]:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.messages import Mode, ModePair
+from pipeline.messages import ModePair
 from pipeline.report.recorded_session import TurbineRecord
-from pipeline.state.run_modes import pairs_by_track
+from pipeline.state.run_modes import SeenMode, pairs_by_track
 from sensors.arrays import FloatArray
 
 
@@ -43,15 +43,18 @@ def frequency_tracks(record: TurbineRecord) -> tuple[FrequencyTrack, ...]:
     Modes without a name are left out: they have no counterpart in other windows.
     """
     seen: dict[str, list[tuple[int, float, float]]] = {}
-    latest: dict[str, Mode] = {}
+    latest: dict[str, SeenMode] = {}
     for estimate in sorted(record.state.estimates, key=lambda estimate: estimate.start_ns):
         middle = (estimate.start_ns + estimate.end_ns) // 2
         for mode in estimate.modes:
             if mode.name:
-                latest[mode.name] = mode
+                latest[mode.name] = SeenMode(mode, estimate.channels)
                 seen.setdefault(mode.name, []).append((middle, mode.frequency, mode.frequency_std))
     posterior = record.state.posterior
-    pairs = pairs_by_track(latest, posterior) if posterior else {}
+    pairs: dict[str, ModePair] = {}
+    if posterior is not None:
+        ends = {estimate.end_ns: estimate.channels for estimate in record.state.estimates}
+        pairs = pairs_by_track(latest, posterior, ends.get(posterior.time_ns, ()))
     tracks = [_track(name, rows, pairs.get(name)) for name, rows in seen.items()]
     return tuple(sorted(tracks, key=lambda track: float(np.median(track.frequencies))))
 

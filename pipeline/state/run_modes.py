@@ -7,7 +7,11 @@ import numpy as np
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
 from pipeline.modal_assurance import modal_assurance_criterion
+from sensors.arrays import FloatArray
+from sensors.bounded_dict import BoundedDict
 from sensors.json_values import Json, known
+
+MOST_WINDOWS_AHEAD = 20  # windows that the identification may be ahead of the updating
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +35,8 @@ class CombinedMode:
     quality: float
     pair: ModePair | None = None
     """With a model mode."""
+    channels: tuple[str, ...] = ()
+    """Of the shape, in its order."""
 
     def as_json(self) -> Json:
         """Return the mode as `summary.json` has it."""
@@ -49,6 +55,19 @@ class CombinedMode:
         }
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenMode:
+    """A mode, and the channels of its shape."""
+
+    mode: Mode
+    channels: tuple[str, ...]
+    """Names, in the order of the shape's components."""
+
+    def shape_at(self, channels: Sequence[str]) -> FloatArray:
+        """Return the shape in the order of `channels`, which are the same ones."""
+        return self.mode.shape[[self.channels.index(name) for name in channels]]
+
+
 class CombinedTracks:
     """Sums over the windows that saw each track: as large after years as after a day.
 
@@ -64,17 +83,21 @@ class CombinedTracks:
         self._most = most
         self._tracks: dict[str, _Track] = {}  # by name, in the order in which they were first seen
         self._added = 0
+        # end of a window [ns] → its channels, of those that a posterior may still answer
+        self._channels = BoundedDict[int, tuple[str, ...]](MOST_WINDOWS_AHEAD)
         for estimate in estimates:
             self.add(estimate)
 
     def add(self, estimate: ModalEstimate) -> None:
         """Enter the modes of one more window."""
         self._added += 1
+        self._channels.put(estimate.end_ns, estimate.channels)
         for number, mode in enumerate(estimate.modes):
             name = mode.name or f"window {estimate.window} mode {number + 1}"
+            seen = SeenMode(mode, estimate.channels)
             if name not in self._tracks:
-                self._tracks[name] = _Track(mode, mode)
-            self._tracks[name].add(mode, estimate.weight, seen=self._added)
+                self._tracks[name] = _Track(seen, seen)
+            self._tracks[name].add(seen, estimate.weight, number=self._added)
         while self._most is not None and len(self._tracks) > self._most:
             del self._tracks[min(self._tracks, key=lambda name: self._tracks[name].seen)]
 
@@ -82,13 +105,16 @@ class CombinedTracks:
         """Return one entry a track, lowest frequency first; with a posterior also the model modes
         that they were taken for."""
         latest = {name: track.latest for name, track in self._tracks.items()}
-        pairs = pairs_by_track(latest, posterior) if posterior else {}
+        pairs: dict[str, ModePair] = {}
+        if posterior is not None:
+            channels = self._channels.get(posterior.time_ns, ())
+            pairs = pairs_by_track(latest, posterior, channels)
         combined = [track.combined(name, pairs.get(name)) for name, track in self._tracks.items()]
         return sorted(combined, key=lambda mode: mode.frequency)
 
 
 def pairs_by_track(
-    latest: Mapping[str, Mode], posterior: FoundationPosterior
+    latest: Mapping[str, SeenMode], posterior: FoundationPosterior, channels: Sequence[str]
 ) -> dict[str, ModePair]:
     """Return the pair of each track, by the track's name.
 
@@ -98,10 +124,12 @@ def pairs_by_track(
 
     Parameters
     ----------
-    latest : mapping of str to Mode
+    latest : mapping of str to SeenMode
         The last mode of each track.
     posterior : FoundationPosterior
         Whose pairs these are.
+    channels : sequence of str
+        Of the posterior's window; of none that is known, pairs are not told apart by their shapes.
     """
     pairs = {pair.identified: pair for pair in posterior.pairs if "+" not in pair.identified}
     taken = {pair.model for pair in pairs.values()}
@@ -110,27 +138,34 @@ def pairs_by_track(
             members = [
                 name for name in pair.identified.split("+") if name in latest and name not in pairs
             ]
-            shapes = [latest[name] for name in members]
-            pairs |= dict(zip(members, _member_pairs(shapes, pair, posterior, taken), strict=True))
+            seen = [latest[name] for name in members]
+            found = _member_pairs(seen, pair, posterior, channels, taken=taken)
+            pairs |= dict(zip(members, found, strict=True))
     return pairs
 
 
 def _member_pairs(
-    modes: Sequence[Mode], pair: ModePair, posterior: FoundationPosterior, taken: Set[str]
+    modes: Sequence[SeenMode],
+    pair: ModePair,
+    posterior: FoundationPosterior,
+    channels: Sequence[str],
+    *,
+    taken: Set[str],
 ) -> list[ModePair]:
     """Return the pair of each of the modes that one pair stands for, no two alike where the model
     has as many modes near it that are not taken."""
-    if not modes or posterior.model_shapes.shape[1] != len(modes[0].shape):
+    known = all(set(each.channels) == set(channels) for each in modes)
+    if not modes or not known or posterior.model_shapes.shape[1] != len(channels):
         return [pair] * len(modes)
     from scipy.optimize import linear_sum_assignment  # slow to load; few runs have such a pair
 
     # A rough model's two modes lie on one side of the pair, the other one farther off.
     apart = np.maximum(
-        [mode.frequency_std for mode in modes], abs(pair.model_frequency - pair.frequency)
+        [each.mode.frequency_std for each in modes], abs(pair.model_frequency - pair.frequency)
     )
     near = np.abs(posterior.model_frequencies[:, None] - pair.frequency) <= 3 * apart
     free = np.array([label not in taken for label in posterior.model_labels])[:, None]
-    shapes = np.array([mode.shape for mode in modes])
+    shapes = np.array([each.shape_at(channels) for each in modes])
     mac = modal_assurance_criterion(posterior.model_shapes, shapes) * near * free
     found = [pair] * len(modes)
     for best, member in zip(*linear_sum_assignment(mac, maximize=True), strict=True):
@@ -177,18 +212,19 @@ class _WeightedMean:
 class _Track:
     """What the windows that saw a mode add up to."""
 
-    latest: Mode
-    sharpest: Mode
+    latest: SeenMode
+    sharpest: SeenMode
     seen: int = 0  # number of the last window that saw it
     quality: float = 0.0  # summed
     frequency: _WeightedMean = field(default_factory=_WeightedMean)
     damping: _WeightedMean = field(default_factory=_WeightedMean)
 
-    def add(self, mode: Mode, weight: float, *, seen: int) -> None:
+    def add(self, seen: SeenMode, weight: float, *, number: int) -> None:
         """Enter one more window that saw it."""
-        self.latest, self.seen = mode, seen
-        if mode.frequency_std < self.sharpest.frequency_std:
-            self.sharpest = mode
+        self.latest, self.seen = seen, number
+        mode = seen.mode
+        if mode.frequency_std < self.sharpest.mode.frequency_std:
+            self.sharpest = seen
         self.quality += mode.quality
         self.frequency.add(mode.frequency, mode.frequency_std, weight)
         self.damping.add(mode.damping_ratio, mode.damping_ratio_std, weight)
@@ -203,9 +239,10 @@ class _Track:
             frequency_std=frequency_std,
             damping_ratio=damping,
             damping_ratio_std=damping_std,
-            shape=tuple(float(component) for component in self.sharpest.shape),
+            shape=tuple(float(component) for component in self.sharpest.mode.shape),
             seen_in_windows=self.frequency.n,
-            pair_id=self.latest.pair_id,
+            pair_id=self.latest.mode.pair_id,
             quality=self.quality / self.frequency.n,
             pair=pair,
+            channels=self.sharpest.channels,
         )

@@ -7,7 +7,7 @@ import rerun as rr
 
 from pipeline.messages import FoundationPosterior, ModalEstimate, Mode, ModePair
 from pipeline.state.phrases import in_hertz
-from pipeline.state.run_modes import pairs_by_track
+from pipeline.state.run_modes import SeenMode, pairs_by_track
 from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
@@ -79,8 +79,8 @@ class ModeView:
         paired = _paired(posterior, estimate)
         if self._follows:
             self._follow(posterior.model_labels, paired)
-        if estimate is not None and layout is not None:
-            matrix = mac_matrix(estimate, posterior, layout)
+        if estimate is not None:
+            matrix = mac_matrix(estimate, posterior)
             if matrix is not None:
                 plane_views.log_mac_matrix(self._recording, self._root, matrix)
         for row, label in enumerate(posterior.model_labels):
@@ -88,10 +88,11 @@ class ModeView:
                 pair, mode = paired.get(label, (None, None))
                 self._draw_track(label, _model_frequency(posterior, row, pair), mode)
                 if layout is not None:
+                    channels = layout.channel_names if estimate is None else estimate.channels
                     shape = posterior.model_shapes[row]
-                    model = deflection(layout, layout.channel_names, shape)
+                    model = deflection(layout, channels, shape).scaled(self._outline.scale)
                     tower_views.log_model_shape(self._recording, self._root, label, model)
-                    self._draw_identified_shape(label, shape, mode, estimate, layout)
+                    self._draw_identified_shape(label, shape, mode, channels, layout)
                     self._caption(label, model, pair)
                     self._drawn_until_ns.setdefault(label, posterior.time_ns)
         if self._full_swing_ns is None:
@@ -186,15 +187,14 @@ class ModeView:
         label: str,
         model_shape: FloatArray,
         mode: Mode | None,
-        estimate: ModalEstimate | None,
+        channels: Sequence[str],
         layout: SensorLayout,
     ) -> None:
         """Draw the identified shape scaled to the model's; none where the window lacks the mode."""
         identified = None
-        if mode is not None and estimate is not None:
-            columns = [layout.channel_names.index(name) for name in estimate.channels]
-            scaled = scale_onto(mode.shape, model_shape[columns])
-            identified = deflection(layout, estimate.channels, scaled)
+        if mode is not None:
+            scaled = scale_onto(mode.shape, model_shape)
+            identified = deflection(layout, channels, scaled).scaled(self._outline.scale)
         tower_views.log_identified_shape(self._recording, self._root, label, identified)
 
     def _caption(self, label: str, model: Deflection, pair: ModePair | None) -> None:
@@ -227,7 +227,9 @@ def _paired(
     """
     modes = {} if estimate is None else {mode.name: mode for mode in estimate.modes}
     found = {pair.model: (pair, modes.get(pair.identified)) for pair in posterior.pairs}
-    for name, pair in pairs_by_track(modes, posterior).items():
+    channels = () if estimate is None else estimate.channels
+    seen = {name: SeenMode(mode, channels) for name, mode in modes.items()}
+    for name, pair in pairs_by_track(seen, posterior, channels).items():
         if name in modes:
             found[pair.model] = (pair, modes[name])
     return found

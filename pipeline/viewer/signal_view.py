@@ -2,15 +2,17 @@
 
 import time
 from dataclasses import dataclass, field
+from itertools import groupby
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
-from pipeline.viewer.drawing.entities import at
+from pipeline.viewer.drawing.entities import at, signal_path, signal_paths
 from pipeline.viewer.pictures.display_signals import DisplayDecimator, join_runs
 from pipeline.viewer.pictures.spectrum import RecentSamples, spectrum_picture
 from pipeline.viewer.update_rates import UpdateRates
@@ -37,20 +39,32 @@ class KnownLayouts:
 
     def named(self, layout_id: str) -> SensorLayout | None:
         """Return a unit's layout, or that of all units together under their joined name."""
-        if layout_id in self._by_id or not self._by_id:
-            return self._by_id.get(layout_id)
-        units = {layout.unit: layout for layout in self.all}  # the newest of each unit
-        joined = joined_layout([units[unit] for unit in sorted(units)])
-        return joined if joined.layout_id == layout_id else None
+        units = self.units_of(layout_id)
+        return joined_layout(units) if units else None
+
+    def units_of(self, layout_id: str) -> tuple[SensorLayout, ...]:
+        """Return the layouts of the units that a name stands for, in the order of its channels."""
+        if layout_id in self._by_id:
+            return (self._by_id[layout_id],)
+        newest = {layout.unit: layout for layout in self.all}
+        units = tuple(newest[unit] for unit in sorted(newest))
+        return units if units and joined_layout(units).layout_id == layout_id else ()
 
     def of_posterior(
         self, posterior: FoundationPosterior, estimate: ModalEstimate | None
     ) -> SensorLayout | None:
-        """Return the layout whose channels the model's shapes have: the estimate's, else any."""
-        names = [estimate.layout_id] if estimate else list(self._by_id)
-        layouts = [found for name in names if (found := self.named(name)) is not None]
+        """Return the layout whose channels the model's shapes have: the estimate's.
+
+        Where that is not known, the one that has as many channels, if no other one has.
+        """
         n_channels = posterior.model_shapes.shape[1]
-        return next((one for one in layouts if len(one.channels) == n_channels), None)
+        if estimate is None:
+            fitting = {each.channels: each for each in self.all if len(each.channels) == n_channels}
+            return next(iter(fitting.values())) if len(fitting) == 1 else None
+        layout = self.named(estimate.layout_id)
+        if layout is None or not set(estimate.channels) <= set(layout.channel_names):
+            return None
+        return layout if len(estimate.channels) == n_channels else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,10 +126,18 @@ class SignalView:
         stated = any(block.status for block in blocks)
         if stated or unit.faulty != NONE_FAULTY or not all(map(_is_whole, runs)):
             faults = [fault for block in blocks for fault in self._faults_of(block, unit)]
-        signals = [unit.decimator.push(run) for run in runs]
-        track_views.log_signal(self._recording, self._root, name, signals)
+        shown = [(self._signal_path(run), unit.decimator.push(run)) for run in runs]
+        for (path, _), chunk in groupby(shown, lambda each: (each[0], each[1].samples.shape[1])):
+            track_views.log_signal(self._recording, path, [signal for _, signal in chunk])
         self._handed_over = time.monotonic()
         return faults
+
+    def _signal_path(self, block: AccelerationBlock) -> str:
+        paths = signal_paths(self._root, self._layouts.all)
+        later = (
+            block.layout_id if any(each.unit == block.unit for each in self._layouts.all) else ""
+        )
+        return paths.get(block.layout_id) or signal_path(self._root, block.unit, later)
 
     def finish(self) -> list[FaultyChannels]:
         """Draw the buffered blocks of every unit; return the faults among them."""
@@ -129,23 +151,34 @@ class SignalView:
         return max(0, newest.last_sequence - last_sequence) * newest.block_duration
 
     def draw_spectrum(self, estimate: ModalEstimate) -> None:
-        """Draw the spectra of the window's samples, where all of them are still in memory."""
-        layout = self._layouts.named(estimate.layout_id)
-        unit = None if layout is None else self._units.get(layout.unit)
-        if unit is None or layout is None:
+        """Draw the spectra of the window's samples, of all of its units, as far as they are still
+        in memory."""
+        layouts = self._layouts.units_of(estimate.layout_id)
+        parts: list[NDArray[np.float32]] = []
+        rates: set[float] = set()
+        for layout in layouts:
+            unit = self._units.get(layout.unit)
+            found = unit and unit.recent.between(estimate.start_ns, estimate.end_ns)
+            if not found or found[0].shape[1] != len(layout.channels):
+                return
+            parts.append(found[0])
+            rates.add(found[1])
+        if len(rates) != 1:
             return
-        found = unit.recent.between(estimate.start_ns, estimate.end_ns)
-        if found is None or found[0].shape[1] != len(layout.channels):
-            return
-        samples, sampling_rate = found
-        frequencies = [mode.frequency for mode in estimate.modes]
-        picture = spectrum_picture(samples, sampling_rate, layout, frequencies)
+        length = min(map(len, parts))
+        picture = spectrum_picture(
+            np.hstack([part[-length:] for part in parts]),
+            rates.pop(),
+            layouts,
+            [mode.frequency for mode in estimate.modes],
+            duration=estimate.duration,
+        )
         plane_views.log_spectrum(self._recording, self._root, picture)
 
     def _faults_of(self, block: AccelerationBlock, unit: _Unit) -> list[FaultyChannels]:
         """Colour the unit's sensors where their health changes with this block."""
         layout = self._layouts.named(block.layout_id)
-        if layout is None:
+        if layout is None or len(layout.channels) != block.samples.shape[1]:
             return []
         faulty, before = faulty_channels(block, layout), unit.faulty
         if faulty == before:

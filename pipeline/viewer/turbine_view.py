@@ -19,7 +19,7 @@ from pipeline.viewer.drawing import foundation as foundation_views
 from pipeline.viewer.drawing import plots_2d as plane_views
 from pipeline.viewer.drawing import tower as tower_views
 from pipeline.viewer.drawing import tracks as track_views
-from pipeline.viewer.drawing.entities import FARM, at, turbine_path
+from pipeline.viewer.drawing.entities import FARM, at, signal_paths, turbine_path
 from pipeline.viewer.mode_view import ModeView
 from pipeline.viewer.pictures.pile import pile_picture
 from pipeline.viewer.pictures.scene import outline
@@ -124,7 +124,7 @@ class TurbineView:
         self._sized = False  # a change of known size was detected
         self._in_farm = False  # one of several turbines
         self._styled: set[str] = set()
-        self._first_frequencies: dict[str, float] = {}  # by track [Hz]
+        self._first_frequencies: dict[str, float] = {}  # of the session, by track [Hz]
         self._warned: frozenset[str] = frozenset()  # codes of the latest window's warnings
         self._now_ns = 0  # latest sensor time seen
         self._at_ns = 0  # sensor time of what is being drawn
@@ -162,6 +162,9 @@ class TurbineView:
         )
         view._status, view._estimates = self._status, self._estimates
         view._now_ns = self._now_ns
+        view._first_frequencies = dict(self._first_frequencies)
+        if self._sized:
+            view._show_sizes()
         for layout in self._layouts.all:
             view.draw_layout(layout)
         if self._in_farm:
@@ -171,7 +174,8 @@ class TurbineView:
     def draw_layout(self, layout: SensorLayout) -> None:
         """Draw the sensors on the tower and name the signals."""
         self._layouts.add(layout)
-        track_views.log_signal_style(self._recording, self._root, layout)
+        path = signal_paths(self._root, self._layouts.all)[layout.layout_id]
+        track_views.log_signal_style(self._recording, path, layout)
         tower_views.log_sensors(self._recording, self._root, layout, self._outline)
 
     def draw_block(self, block: AccelerationBlock) -> None:
@@ -259,12 +263,15 @@ class TurbineView:
         """Draw a change of the foundation or of the modes."""
         self._at(event.time_ns)
         if event.changes and not self._sized:
-            self._sized = True
-            foundation_views.log_change_styles(self._recording, self._root)
+            self._show_sizes()
         foundation_views.log_change(self._recording, self._root, event)
         self._event(event.text, level="WARN")
         self._status.take(event)
         self._draw_status()
+
+    def _show_sizes(self) -> None:
+        self._sized = True
+        foundation_views.log_change_styles(self._recording, self._root)
 
     def draw_node(self, node: NodeStatus) -> None:
         """Draw a node's state at the latest sensor time, since its own clock is the machine's.

@@ -201,6 +201,8 @@ def parse_turbine(text: str, *, source: str) -> TurbineDescription:
     """
     document = toml_table(text, source, TurbineError)
     materials = document.pop("materials", {})
+    if document.get("tubes") == []:
+        raise TurbineError(f"{source}: tubes is empty; a structure has at least one, lowest first")
     if "tubes" in document:
         document["tubes"] = _with_materials(document["tubes"], materials, source)
         _require_tubes_in_base_units(document["tubes"], source)

@@ -1,9 +1,20 @@
 """What the tables of the commands share."""
 
 from collections.abc import Iterable
+from typing import Any
 
-from rich.markup import escape
 from rich.table import Table
+
+from pipeline.cli.console import escape_markup
+
+
+class PlainTable(Table):
+    """A table whose cells are read as they are: brackets in a name are no markup."""
+
+    def add_row(self, *cells: Any, **options: Any) -> None:
+        """Add a row as `Table` does."""
+        plain = (escape_markup(cell) if isinstance(cell, str) else cell for cell in cells)
+        super().add_row(*plain, **options)
 
 
 def table_of(title: str, *texts: str, figures: Iterable[str] = (), no_wrap: bool = False) -> Table:
@@ -12,7 +23,7 @@ def table_of(title: str, *texts: str, figures: Iterable[str] = (), no_wrap: bool
     Parameters
     ----------
     title : str
-        With rich's markup.
+        As it is; brackets are no markup. So are headings and cells.
     *texts : str
         Headings of columns of text, on the left.
     figures : iterable of str, optional
@@ -20,12 +31,20 @@ def table_of(title: str, *texts: str, figures: Iterable[str] = (), no_wrap: bool
     no_wrap : bool, optional
         Whether every cell stays on one line.
     """
-    table = Table(title=title, title_justify="left", caption_justify="left", header_style="bold")
+    table = PlainTable(
+        title=escape_markup(title),
+        title_justify="left",
+        caption_justify="left",
+        header_style="bold",
+    )
     for heading in texts:
-        table.add_column(escape(heading), no_wrap=no_wrap, min_width=_longest_word(heading))
+        table.add_column(escape_markup(heading), no_wrap=no_wrap, min_width=_longest_word(heading))
     for heading in figures:
         table.add_column(
-            escape(heading), justify="right", no_wrap=no_wrap, min_width=_longest_word(heading)
+            escape_markup(heading),
+            justify="right",
+            no_wrap=no_wrap,
+            min_width=_longest_word(heading),
         )
     return table
 

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
 
 from collections.abc import Sequence
 
-from rich.markup import escape
-
+from pipeline.cli.console import escape_markup
 from pipeline.cli.tables.cells import format_short, format_value
 from pipeline.farm.farm import Farm
 from pipeline.messages import FoundationPosterior
@@ -30,7 +29,7 @@ def posterior_table(posterior: Json) -> Table:
     """Return median and 90 % interval of each spring, absolute and ÷ nominal."""
     turbine = f" of {posterior['turbine']}" if "turbine" in posterior else ""
     warning = "" if posterior.get("trusted", True) else ", NOT TRUSTED"
-    table = table_of(f"Foundation posterior{escape(turbine)}{warning}")
+    table = table_of(f"Foundation posterior{turbine}{warning}")
     table.add_column("", justify="right", overflow="fold")
     for title in ("÷ nominal", "90 % interval", "truth", "median", "unit"):
         table.add_column(title, justify="right", no_wrap=True)
@@ -68,15 +67,15 @@ def figures_tables(posterior: Json) -> list[Table]:
     table = table_of("Figures of the structure and its sensors")
     table.add_column("", justify="right", overflow="fold")
     for title in ("median", "90 % interval", "unit", "narrowed [%]"):
-        table.add_column(escape(title), justify="right", no_wrap=True)
+        table.add_column(escape_markup(title), justify="right", no_wrap=True)
     for name, each in posterior["figures"].items():
         median, low, high = (format_short(each[key]) for key in ("median", "p05", "p95"))
         narrowed = each.get("contraction")  # older summaries have none
         table.add_row(
-            escape(figure_name(name)),
+            figure_name(name),
             median,
             f"{low} to {high}",
-            escape(each["unit"]),
+            each["unit"],
             format_value(None if narrowed is None else 100 * max(narrowed, 0.0), ".0f"),
         )
     table.caption = (
@@ -92,7 +91,7 @@ def posteriors_table(posteriors: Sequence[Json]) -> Table:
     for each in posteriors:
         springs = [_plus_minus(each[name]) for name in ("k11", "k22", "k12")]
         table.add_row(
-            escape(each["turbine"]), str(each["windows"]), *springs,
+            each["turbine"], str(each["windows"]), *springs,
             format_value(each["change_probability"], ".2f"),
             "" if each["trusted"] else "NOT TRUSTED",
             style=None if each["trusted"] else "bold red",
@@ -185,7 +184,7 @@ def calibration_table(found: "TurbineCalibration") -> Table:
     table.caption = (
         "median: departure from the description, relative where the unit is -; ÷ prior: what is "
         "left of the uncertainty; RNA: rotor and nacelle; "
-        f"{found.calibration.source}; springs ÷ nominal in "
+        f"{escape_markup(found.calibration.source)}; springs ÷ nominal in "
         f"that time, 90 %: {springs}"
     )
     return table

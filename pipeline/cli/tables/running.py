@@ -4,9 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.markup import escape
 from rich.table import Table
-from rich.text import Text
 
 from pipeline.cli.tables.cells import table_of
 from pipeline.cli.tables.posteriors import posterior_table, posteriors_table
@@ -25,7 +23,7 @@ def status_tables(status: Mapping[str, Any]) -> list[Table]:
         node = each["node"] if named[each["node"]] == 1 else f"{each['node']} of {each['turbine']}"
         behind = "" if each["behind_blocks"] is None else str(each["behind_blocks"])
         cells = (str(each[name]) for name in counts)
-        nodes.add_row(escape(node), each["condition"], f"{each['silence_s']:.1f}", behind, *cells)
+        nodes.add_row(node, each["condition"], f"{each['silence_s']:.1f}", behind, *cells)
     headings = ("silent [s]", "messages", "rate [1/s]")
     streams = table_of("streams", "key", "condition", figures=headings)
     streams.columns[0].overflow = "fold"
@@ -49,13 +47,13 @@ def _alarm_tables(alarms: Sequence[Mapping[str, str]]) -> list[Table]:
         return []
     table = table_of("alarms of the books", "turbine", "alarm")
     for alarm in alarms:
-        table.add_row(Text(alarm["turbine"]), Text(alarm["text"]))
+        table.add_row(alarm["turbine"], alarm["text"])
     return [table]
 
 
 def _warning_tables(nodes: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """Return the warnings of nodes, verbatim: untrusted text is not read as markup."""
-    rows = [(each["node"], Text(text)) for each in nodes for text in each["warnings"]]
+    """Return the warnings of nodes, verbatim."""
+    rows = [(each["node"], text) for each in nodes for text in each["warnings"]]
     if not rows:
         return []
     table = table_of("warnings of nodes", "node", "warning")

@@ -4,6 +4,7 @@ Everything of a turbine is below /{turbine}:
 
     tower/…                           the turbine at rest, sea, mudline, sensors
     signals/{unit}/acceleration       n scalars a row, one per channel [m/s²], 20 Hz
+    signals/{unit}/acceleration {id}  the same of a later layout with other channels
     frequencies/identified/{mode}     of each window [Hz]
     modes/{label}/identified          median, ±2 standard deviations [Hz]
     modes/{label}/model               frequency of the updated model [Hz]
@@ -39,6 +40,7 @@ from pipeline.viewer.pictures import colours
 from pipeline.viewer.pictures.colours import Colour
 from pipeline.viewer.pictures.corner import Text
 from pipeline.viewer.pictures.status_text import StatusIndicator
+from sensors.acquisition.layout import Accelerometer, SensorLayout
 
 TIMELINE = "time"
 FARM = "/all-turbines"
@@ -54,9 +56,29 @@ def entity_part(name: str) -> str:
     return rr.escape_entity_path_part(name)
 
 
-def signal_path(root: str, unit: str) -> str:
-    """Entity of a unit's accelerations."""
-    return f"{root}/signals/{entity_part(unit)}/acceleration"
+def signal_path(root: str, unit: str, layout_id: str = "") -> str:
+    """Entity of a unit's accelerations; of a later layout's if that is named."""
+    return f"{root}/signals/{entity_part(unit)}/{entity_part(f'acceleration {layout_id}'.strip())}"
+
+
+def signal_paths(root: str, layouts: Sequence[SensorLayout]) -> dict[str, str]:
+    """Return the entity of each layout's accelerations, by the layout's name.
+
+    Why: an entity has one set of names and colours, for all of its rows. Layouts of one unit with
+    the same channels share one.
+
+    Parameters
+    ----------
+    layouts : Sequence[SensorLayout]
+        In the order of arrival.
+    """
+    paths: dict[tuple[str, tuple[Accelerometer, ...]], str] = {}
+    units: set[str] = set()
+    for layout in layouts:
+        later = layout.layout_id if layout.unit in units else ""
+        units.add(layout.unit)
+        paths.setdefault((layout.unit, layout.channels), signal_path(root, layout.unit, later))
+    return {layout.layout_id: paths[layout.unit, layout.channels] for layout in layouts}
 
 
 def mode_path(root: str, label: str) -> str:

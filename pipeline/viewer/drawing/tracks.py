@@ -12,7 +12,6 @@ from pipeline.viewer.drawing.entities import (
     log_band_style,
     log_line_style,
     mode_path,
-    signal_path,
     time_column,
 )
 from pipeline.viewer.pictures import colours
@@ -23,7 +22,7 @@ from sensors.acquisition.layout import SensorLayout
 BAND = 2.0  # standard deviations either side
 
 
-def log_signal_style(recording: rr.RecordingStream, root: str, layout: SensorLayout) -> None:
+def log_signal_style(recording: rr.RecordingStream, path: str, layout: SensorLayout) -> None:
     """Names with units and a colour for each level."""
     levels = sorted({channel.elevation for channel in layout.channels})
     palette = [
@@ -32,7 +31,7 @@ def log_signal_style(recording: rr.RecordingStream, root: str, layout: SensorLay
     ]
     names = [f"{channel.name} [{channel.unit or '-'}]" for channel in layout.channels]
     recording.log(
-        signal_path(root, layout.unit),
+        path,
         rr.SeriesLines(
             names=names, colors=palette, widths=[1.0] * len(names), aggregation_policy="MinMax"
         ),
@@ -40,16 +39,12 @@ def log_signal_style(recording: rr.RecordingStream, root: str, layout: SensorLay
     )
 
 
-def log_signal(
-    recording: rr.RecordingStream, root: str, unit: str, signals: Sequence[DisplaySignal]
-) -> None:
-    """Display samples of consecutive blocks as one chunk."""
+def log_signal(recording: rr.RecordingStream, path: str, signals: Sequence[DisplaySignal]) -> None:
+    """Display samples of consecutive blocks of as many channels as one chunk."""
     times = np.concatenate([signal.times_ns for signal in signals])
     samples = np.concatenate([signal.samples for signal in signals])
     if len(times):
-        recording.send_columns(
-            signal_path(root, unit), [time_column(times)], rr.Scalars.columns(scalars=samples)
-        )
+        recording.send_columns(path, [time_column(times)], rr.Scalars.columns(scalars=samples))
 
 
 def log_estimate(
@@ -78,19 +73,25 @@ def log_estimate(
             _log_identified_style(recording, path, name, _direction(mode, estimate, layout))
         recording.log(path, rr.Scalars(mode.frequency))
         if mode.name:
-            _log_change(recording, root, mode, first)
+            _log_change(recording, root, mode, styled=styled, first=first)
 
 
 def _log_change(
-    recording: rr.RecordingStream, root: str, mode: Mode, first: dict[str, float]
+    recording: rr.RecordingStream,
+    root: str,
+    mode: Mode,
+    *,
+    styled: set[str],
+    first: dict[str, float],
 ) -> None:
     """Draw a track's frequency relative to its first one [%]: on one axis for all modes."""
     path = f"{root}/frequencies/change/{entity_part(mode.name)}"
-    if mode.name not in first:
-        colour = colours.LEVELS[len(first) % len(colours.LEVELS)]
-        name = f"{mode.name}, {in_hertz(mode.frequency)} Hz [%]"
-        log_line_style(recording, path, name, colour, width=1.5)
     reference = first.setdefault(mode.name, mode.frequency)
+    if path not in styled:
+        styled.add(path)
+        colour = colours.LEVELS[list(first).index(mode.name) % len(colours.LEVELS)]
+        name = f"{mode.name}, {in_hertz(reference)} Hz [%]"
+        log_line_style(recording, path, name, colour, width=1.5)
     recording.log(path, rr.Scalars(100.0 * (mode.frequency / reference - 1.0)))
 
 

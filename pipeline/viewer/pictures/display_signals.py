@@ -12,7 +12,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.arrays import FloatArray
 
 DISPLAY_RATE = 20.0  # [Hz]; a day of eight channels then takes about 80 MB in a .rrd
-DISPLAY_STEP = 2.0**-13  # [m/s²], 0.12 mm/s²: a power of two leaves zero bits, which compress
+STEPS_IN_SPREAD = 128  # steps at least in the middle half of a chunk's samples: finer than a screen
 SAME_CLOCK = NANOSECONDS // 1000  # between the ends of two blocks that are read as one [ns]
 _TAPS_PER_SAMPLE = 8  # length of the low-pass filter in display samples
 
@@ -52,6 +52,7 @@ def _follows(block: AccelerationBlock, run: Sequence[AccelerationBlock]) -> bool
     expected_ns = first.start_ns + round(n_samples * NANOSECONDS / first.sampling_rate)
     return (
         block.session == first.session
+        and block.layout_id == first.layout_id
         and block.first_sample == run[-1].first_sample + len(run[-1].samples)
         and block.sampling_rate == first.sampling_rate
         and block.samples.shape[1] == first.samples.shape[1]
@@ -67,8 +68,9 @@ class DisplayDecimator:
     """Anti-aliased decimation of consecutive blocks, each sample at its own time.
 
     A linear-phase low-pass of 8 display samples' length, read at every `factor`-th sample; its
-    delay is taken out of the times. A gap, a restart or another rate resets it, which costs the
-    first and the last 0.2 s of each stretch. For display only: identification does not use it.
+    delay is taken out of the times. A gap, a restart, another rate or number of channels resets it,
+    which costs the first and the last 0.2 s of each stretch. For display only: identification does
+    not use it.
     """
 
     def __init__(self, sampling_rate: float) -> None:
@@ -83,6 +85,7 @@ class DisplayDecimator:
         broken = self._tail is not None and (
             self._expected != (block.session, block.first_sample)
             or self._rate != block.sampling_rate
+            or self._tail.shape[1] != block.samples.shape[1]
         )
         if self._rate != block.sampling_rate:
             self._set_rate(block.sampling_rate)
@@ -134,7 +137,19 @@ def low_pass(factor: int) -> FloatArray:
 
 
 def _on_step(samples: FloatArray) -> FloatArray:
-    return np.round(samples / DISPLAY_STEP) * DISPLAY_STEP
+    """Round each channel to a power of two well below its spread: its zero bits compress.
+
+    Why not one step: the unit may be any, and a sensor's noise may change a hundredfold. A spike
+    moves no quartile; a channel that hardly ever changes is left as it is.
+    """
+    if not len(samples):
+        return samples
+    ordered = np.sort(samples, axis=0)  # NaN last
+    with np.errstate(invalid="ignore"):
+        spread = ordered[3 * len(samples) // 4] - ordered[len(samples) // 4]
+    known = np.isfinite(spread) & (spread > 0)
+    step = 2.0 ** np.floor(np.log2(np.where(known, spread, 1.0) / STEPS_IN_SPREAD))
+    return np.where(known, np.round(samples / step) * step, samples)
 
 
 def _after_gap(gap_start_ns: int, signal: DisplaySignal) -> DisplaySignal:

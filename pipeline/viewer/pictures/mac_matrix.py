@@ -13,7 +13,6 @@ from pipeline.messages import FoundationPosterior, ModalEstimate
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.state.phrases import in_hertz
 from pipeline.viewer.pictures.corner import Text
-from sensors.acquisition.layout import SensorLayout
 from sensors.arrays import FloatArray
 
 ImageArray = NDArray[np.uint8]
@@ -41,24 +40,20 @@ class MacMatrix:
     """Frequencies at the rows, labels at the columns, as many as fit."""
 
 
-def mac_matrix(
-    estimate: ModalEstimate, posterior: FoundationPosterior, layout: SensorLayout
-) -> MacMatrix | None:
+def mac_matrix(estimate: ModalEstimate, posterior: FoundationPosterior) -> MacMatrix | None:
     """Return the MAC of the window's modes with the paired modes of the updated model.
 
-    None where the shapes have no channel in common or no mode is paired.
+    None where no mode is paired, or the posterior is of other channels.
     """
     names = {name for pair in posterior.pairs for name in pair.identified.split("+")}
     modes = [mode for mode in estimate.modes if mode.name in names]
     labels = [pair.model for pair in posterior.pairs]
     rows = [i for i, label in enumerate(posterior.model_labels) if label in labels]
-    known = [name for name in estimate.channels if name in layout.channel_names]
-    if not modes or not rows or len(known) != len(estimate.channels):
+    if not modes or not rows or posterior.model_shapes.shape[1] != len(estimate.channels):
         return None
-    columns = [layout.channel_names.index(name) for name in estimate.channels]
     rows.sort(key=lambda row: float(posterior.model_frequencies[row]))
     values = modal_assurance_criterion(
-        np.array([mode.shape for mode in modes]), posterior.model_shapes[rows][:, columns]
+        np.array([mode.shape for mode in modes]), posterior.model_shapes[rows]
     )
     square = max(1, SIDE // max(values.shape))
     height, width = (square * count for count in values.shape)

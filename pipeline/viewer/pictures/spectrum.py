@@ -1,7 +1,7 @@
 """Spectra of a window with the modes identified in it, as a picture. No rerun here.
 
-A panel for the fore-aft channels, one for the side-side channels, where there are any; picture
-units, y down. Stabilisation diagrams share the logarithmic frequency axis.
+A panel for the fore-aft channels, one for the side-side and one for the vertical channels, where
+there are any; picture units, y down. Stabilisation diagrams share the logarithmic frequency axis.
 """
 
 from collections import deque
@@ -16,7 +16,7 @@ from scipy.fft import rfft, rfftfreq
 from pipeline.state.phrases import in_hertz
 from pipeline.viewer.pictures.corner import Text
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
-from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.layout import SensorLayout, joined_layout
 from sensors.arrays import FloatArray
 
 HEIGHT, PITCH = 1.0, 1.35  # of a panel, and from one to the next [picture units]
@@ -24,8 +24,9 @@ SEGMENT = 100.0  # of Welch's method [s]: a resolution of 0.01 Hz
 FREQUENCY_BINS = 400  # of the logarithmic axis; the highest value of each is drawn
 DECADES = 6.0  # of spectral density shown below the highest
 KEPT_DURATION = 3600.0  # of samples held for windows still to come [s]
-AXIS_TITLES = ("fore-aft", "side-side")
+AXIS_TITLES = ("fore-aft", "side-side", "vertical")
 PANEL_WIDTH = 2.6  # of a panel [picture units]
+COMPLETE = 0.99  # share of a window's samples; with fewer the picture says how much it shows [-]
 LOWEST = 0.1  # left end [Hz]
 LABEL_DISTANCE = 0.27  # between two frequencies written above a panel [picture units]
 
@@ -123,8 +124,10 @@ class RecentSamples:
 def spectrum_picture(
     samples: NDArray[np.float32],
     sampling_rate: float,
-    layout: SensorLayout,
+    layouts: Sequence[SensorLayout],
     frequencies: Sequence[float],
+    *,
+    duration: float,
 ) -> SpectrumPicture:
     """Draw power spectral densities of all channels over a logarithmic axis.
 
@@ -136,21 +139,28 @@ def spectrum_picture(
         Samples of the window [m/s²].
     sampling_rate : float
         Sampling rate [Hz].
+    layouts : Sequence[SensorLayout]
+        Of the units whose channels these are, one after the other.
     frequencies : Sequence[float]
         Natural frequencies of the identified modes [Hz].
+    duration : float
+        Of the window [s]; where there are fewer samples, the picture says so.
     """
+    layout = joined_layout(layouts)
     finite = np.where(np.isfinite(samples), samples, np.nan)
     steady = np.nan_to_num(finite - np.nanmean(finite, axis=0))
     f, densities = power_spectral_densities(steady, sampling_rate)
     axis = FrequencyAxis(LOWEST, sampling_rate / 2)
     sides = measured_sides(layout)
     top = float(np.log10(max(densities[f >= LOWEST].max(), 1e-30)))
-    elevations = sorted({channel.elevation for channel in layout.channels})
+    levels = [level for each in layouts for level in _levels(each)]
+    held = len(samples) / sampling_rate
+    note = "" if held > COMPLETE * duration else f"; {held / 60:.3g} of {duration / 60:.3g} min"
     curves = _curves(axis, f, densities, top)
     lines = [
         (curves[channel] + [0.0, panel * PITCH], channel)
         for panel, side in enumerate(sides)
-        for channel in _along(layout, side)
+        for channel in channels_along(layout, side)
     ]
     shown = axis.shown(frequencies)
     panels = [(panel * PITCH, panel * PITCH + HEIGHT) for panel in range(len(sides))]
@@ -158,23 +168,31 @@ def spectrum_picture(
     unit = units.pop() if len(units) == 1 else "unit"
     return SpectrumPicture(
         spectra=tuple(line for line, _ in lines),
-        levels=tuple(elevations.index(layout.channels[channel].elevation) for _, channel in lines),
+        levels=tuple(levels[channel] for _, channel in lines),
         modes=tuple(
             vertical_line(axis, frequency, *panel) for panel in panels for frequency in shown
         ),
         frames=tuple(frame(*panel) for panel in panels),
-        texts=_axis_texts(axis, top, unit, [AXIS_TITLES[side] for side in sides])
+        texts=_axis_texts(axis, top, unit, [AXIS_TITLES[side] for side in sides], note)
         + axis.mode_texts(shown, -0.06),
     )
 
 
 def measured_sides(layout: SensorLayout) -> list[int]:
-    """Return 0 for fore-aft, 1 for side-side: what the channels measure; 0 where neither."""
-    return [side for side in range(2) if _along(layout, side)] or [0]
+    """Return what the channels measure: 0 for fore-aft, 1 for side-side, 2 for vertical."""
+    return [side for side in range(3) if channels_along(layout, side)]
 
 
-def _along(layout: SensorLayout, axis: int) -> list[int]:
-    return [i for i, channel in enumerate(layout.channels) if abs(channel.direction[axis]) > 0.7]
+def channels_along(layout: SensorLayout, axis: int) -> list[int]:
+    """Return the channels along an axis: within 45° of it, or nearer to it than to the others."""
+    shares = np.abs(layout.directions).reshape(-1, 3)
+    return np.flatnonzero((shares[:, axis] > 0.7) | (shares.argmax(axis=1) == axis)).tolist()
+
+
+def _levels(layout: SensorLayout) -> list[int]:
+    """Return which level of its unit each channel is at, lowest 0: its colour."""
+    levels = sorted({channel.elevation for channel in layout.channels})
+    return [levels.index(channel.elevation) for channel in layout.channels]
 
 
 def power_spectral_densities(
@@ -221,7 +239,7 @@ def _curves(
 
 
 def _axis_texts(
-    axis: FrequencyAxis, top: float, unit: str, names: Sequence[str]
+    axis: FrequencyAxis, top: float, unit: str, names: Sequence[str], note: str
 ) -> tuple[Text, ...]:
     panels = range(len(names))
     texts = [text for panel in panels for text in axis.tick_texts(panel * PITCH + HEIGHT + 0.05)]
@@ -233,5 +251,5 @@ def _axis_texts(
     for panel, name in enumerate(names):
         middle = (PANEL_WIDTH / 2, panel * PITCH + HEIGHT + 0.2)
         density = f"({unit})²/Hz" if unit else "1/Hz, unscaled"
-        texts.append(Text(middle, f"frequency [Hz], {name}; density [{density}]"))
+        texts.append(Text(middle, f"frequency [Hz], {name}; density [{density}]{note}"))
     return tuple(texts)

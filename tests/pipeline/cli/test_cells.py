@@ -1,12 +1,16 @@
 """Figures in the cells of tables."""
 
+import shlex
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from rich.console import Console
 
+from pipeline.cli import main
 from pipeline.cli.tables.cells import format_short, format_value, table_of
 from pipeline.cli.tables.posteriors import farm_table, figures_tables
 from pipeline.cli.tables.recordings import recording_tables, span_line
@@ -14,6 +18,7 @@ from pipeline.messages import NodeStatus, ParameterSummary, StreamGap
 from pipeline.recording.info import RecordingInfo, UnitInfo
 from pipeline.state.phrases import count_noun
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.structure.description import shipped_text
 
 
 @pytest.mark.parametrize(
@@ -120,3 +125,49 @@ def test_a_node_that_has_taken_the_first_block_has_its_number_0(last: int, text:
     info = RecordingInfo(Path("a.mcap"), 100, {}, (), (), (), (status,))
     *_, nodes = recording_tables(info)
     assert list(nodes.columns[2].cells) == [text]
+
+
+def test_brackets_in_a_title_a_heading_or_a_cell_are_no_markup() -> None:
+    table = table_of("WTG [/b]", "key [old]", figures=("f [Hz]",))
+    table.add_row("[red]a[/]", "1")
+    console = Console(width=80)
+    with console.capture() as captured:
+        console.print(table)
+    for text in ("WTG [/b]", "key [old]", "f [Hz]", "[red]a[/]"):
+        assert text in captured.get()
+
+
+BRACKETS = (  # command line, what it prints
+    ("describe '[b].toml'", "WTG [/b]"),
+    ("modes --structure '[b].toml'", "WTG [/b]"),
+    ("info 'a [old].mcap'", "a [old].mcap"),
+    ("salvage 'a [old].mcap' -o 'b [x].mcap'", "b [x].mcap:"),
+    ("export 'a [old].mcap' -o 'e [x]' --csv", "e [x]/"),
+    ("import '[c].csv' -o 'd [x].mcap' --sampling-rate 20", "d [x].mcap:"),
+    ("new '[c].csv' -o 'n [x]' --sampling-rate 20", "Written: n [x]/layout.toml"),
+)
+
+
+@pytest.mark.parametrize(("line", "text"), BRACKETS, ids=[line for line, _ in BRACKETS])
+def test_names_and_titles_with_brackets_are_printed_as_they_are(
+    line: str,
+    text: str,
+    short_recording: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    title = "IEA 15 MW reference turbine, monopile, parked"
+    described = shipped_text("iea15mw_monopile")
+    assert title in described
+    Path("[b].toml").write_text(described.replace(title, "WTG [/b]"))
+    Path("a [old].mcap").write_bytes(short_recording.read_bytes())
+    samples = np.random.default_rng(3).standard_normal((400, 2))
+    np.savetxt("[c].csv", samples, delimiter=",", header="z20-fa,z40-fa", comments="")
+    monkeypatch.setattr(sys, "argv", ["pilewatch", *shlex.split(line)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    printed = capsys.readouterr()
+    assert ended.value.code in (0, None), printed.err
+    assert text in printed.out

@@ -164,6 +164,9 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     # describe
     ("describe gone.toml", "gone.toml"),
     ("describe iea15mw", "iea15mw"),
+    ("describe no-tubes.toml", "no-tubes.toml: tubes is empty"),
+    ("modes --structure no-tubes.toml", "no-tubes.toml: tubes is empty"),
+    ("new noise.csv -o made --structure no-tubes.toml", "no-tubes.toml: tubes is empty"),
     ("describe layout.toml", "layout.toml"),
     ("describe --plot gone/a.png", "gone"),
     # update
@@ -405,6 +408,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
     (place / "other.toml").write_text(LAYOUT.format(second="tip"))
     (place / "alone.json5").write_text('{mode: "peer", scouting: {multicast: {enabled: false}}}')
     (place / "own.toml").write_text(shipped_text("iea15mw_monopile"))
+    head, _, tubes = shipped_text("iea15mw_monopile").partition("tubes = [")
+    (place / "no-tubes.toml").write_text(f"{head}tubes = []{tubes.partition(chr(10) + ']')[2]}")
     low = shipped_text("iea15mw_monopile").split("  { bottom = 28.0")[0] + "]\n"
     (place / "low.toml").write_text(low + SPRINGS)
     (place / "low-scenario.toml").write_text('[turbine]\ndescription = "low.toml"\n')

@@ -1,6 +1,7 @@
 """`pilewatch new` asks on a terminal what no file can show, and nothing anywhere else."""
 
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 
 from pipeline.cli import main
 from pipeline.recording.info import recording_info
+from pipeline.recording.reader import read_messages
+from sensors.acquisition.scada import ScadaSample
 from sensors.structure.description import turbine_text
 
 Answered = Callable[[str, str], str]
@@ -93,10 +96,51 @@ def test_the_commands_that_are_proposed_hold_names_with_blanks(
     with pytest.raises(SystemExit):
         main()
     printed = capsys.readouterr().out
-    assert "pilewatch import 'Turm 7.csv' --sampling-rate 20 --layout 'mein Turm/layout.toml'" in (
-        printed
-    )
+    assert (
+        "pilewatch new 'Turm 7.csv' --layout 'mein Turm/layout.toml' --sampling-rate 20.0 "
+        "-o 'mein Turm-2'"
+    ) in printed
     assert "cd 'mein Turm' && pilewatch run" in printed
+
+
+@pytest.mark.parametrize("structure", ["", " --structure land_tower.toml"])
+def test_the_command_for_a_corrected_layout_records_all_that_the_first_one_did(
+    structure: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Wind beside the motions, a controller's rotor speed and level in files of local time."""
+    monkeypatch.chdir(tmp_path)
+    Path("land_tower.toml").write_text(turbine_text("iea15mw_monopile"))
+    rng = np.random.default_rng(3)
+    rows = [
+        f"3/4/2025 12:00:{k / 20:06.3f},{a:.5f},{b:.5f},8.5"
+        for k, (a, b) in enumerate(rng.standard_normal((1200, 2)))
+    ]
+    Path("my tower.csv").write_text("\n".join(["time,24m N,24m W,wind_speed [m/s]", *rows]))
+    minutes = [f"3/4/2025 12:00:{10 * k:02d},0.{k},1.2" for k in range(6)]
+    header = "time,rotor_speed [rpm],water level [m]"
+    Path("scada [2].csv").write_text("\n".join([header, *minutes]))
+    options = "--dates day-first --zone Europe/Berlin --water-level-zero -1.8" + structure
+    words = ["new", "my tower.csv", "-o", "mine", "--scada", "scada [2].csv", *options.split()]
+    monkeypatch.setattr(sys, "argv", ["pilewatch", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    (line,) = (each for each in capsys.readouterr().out.splitlines() if "start from it:" in each)
+    monkeypatch.setattr(sys, "argv", shlex.split(line.partition("start from it:")[2]))
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    first, again = (
+        [each for each in read_messages(path) if isinstance(each, ScadaSample)]
+        for path in (Path("mine/recordings/my-tower.mcap"), Path("mine-2/recordings/my-tower.mcap"))
+    )
+    assert len(first) > 6
+    assert list(map(repr, again)) == list(map(repr, first))
+    scenarios = [Path(each, "scenario.toml").read_text() for each in ("mine", "mine-2")]
+    assert scenarios[0] == scenarios[1]
 
 
 def test_an_unknown_unit_is_named(

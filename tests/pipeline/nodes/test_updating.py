@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.messages import (
     FoundationPosterior,
+    ModalEstimate,
     QualityWarning,
     StreamEnd,
     UnitOrigin,
@@ -243,3 +244,27 @@ def test_each_turbine_has_an_updating_of_its_own():
     answers = [answer for each in heard for answer in node.handle(each)]
     assert made == ["t1", "t2"]
     assert [each.n_windows for each in answers] == [1, 1]
+
+
+def test_the_models_shapes_are_at_the_estimates_channels_in_their_order() -> None:
+    """A logger that came back with its channels backwards, and one with fewer of them."""
+    window = estimate_of(0)
+    (described,) = node_of().handle(window)
+    n_channels = len(LAYOUT.channels)
+    assert described.model_shapes.shape[1] == n_channels
+    for kept in (range(n_channels)[::-1], [4, 0, 1]):
+        (answer,) = node_of().handle(at_channels(window, list(kept)))
+        assert isinstance(answer, FoundationPosterior)
+        assert answer.model_labels == described.model_labels
+        close = np.abs(answer.model_shapes - described.model_shapes[:, list(kept)])
+        assert close.max() < 0.01  # where few channels are left the median is another one
+
+
+def at_channels(estimate: ModalEstimate, kept: list[int]) -> ModalEstimate:
+    """The estimate of some of its channels, or of all in another order."""
+    rows = [0, 1, *(2 + channel for channel in kept)]
+    modes = tuple(
+        replace(mode, shape=mode.shape[kept], covariance_factor=mode.covariance_factor[rows])
+        for mode in estimate.modes
+    )
+    return replace(estimate, channels=tuple(estimate.channels[k] for k in kept), modes=modes)

@@ -121,3 +121,24 @@ def test_two_modes_of_one_pair_are_two_modes_of_the_model() -> None:
 def test_an_unknown_std_is_null_and_not_nan() -> None:
     (combined,) = CombinedTracks([estimate(0, mode("m1", 1.0, float("nan")))]).modes()
     assert combined.as_json()["frequency_std_hz"] is None
+
+
+def test_shapes_are_compared_channel_by_channel_also_where_their_order_changed() -> None:
+    """A logger comes back with its channels backwards; "m1" was seen before that alone."""
+    side = replace(mode("m1", 0.158, 0.001, pair_id="p"), shape=np.array([0.1, 1.0]))
+    fore = replace(mode("m2", 0.158, 0.001, pair_id="p"), shape=np.array([-0.1, 1.0]))
+    windows = [estimate(0, side), estimate(1, fore, channels=("b", "a"))]
+    pair = ModePair("m1+m2", "2", 0.158, 0.001, 0.1586, float("nan"), shape_used=False)
+    whole = posterior(pair)
+    backwards = replace(whole, time_ns=2 * WINDOW, model_shapes=whole.model_shapes[:, ::-1])
+    combined = CombinedTracks(windows).modes(backwards)
+    assert [each.name for each in combined] == ["1", "2"]
+    assert [each.channels for each in combined] == [("a", "b"), ("b", "a")]
+
+
+def test_a_pair_of_two_modes_keeps_its_name_where_the_posteriors_channels_are_not_known() -> None:
+    side, fore = (mode(name, 0.158, 0.001, pair_id="p") for name in ("m1", "m2"))
+    pair = ModePair("m1+m2", "2", 0.158, 0.001, 0.1586, float("nan"), shape_used=False)
+    unheard = replace(posterior(pair), time_ns=7 * WINDOW)
+    combined = CombinedTracks([estimate(0, side, fore)]).modes(unheard)
+    assert [each.name for each in combined] == ["2", "2"]

@@ -27,6 +27,8 @@ from pipeline.viewer.pictures.spectrum import (
     spectrum_picture,
 )
 from pipeline.viewer.pictures.stabilisation import stabilisation_picture
+from pipeline.viewer.tabs.signals import signals
+from pipeline.viewer.view_parameters import ViewParameters
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import Accelerometer, SensorLayout
 from sensors.structure.foundation import SPRING_SIGNS, SpringSign, spring_matrix
@@ -176,7 +178,7 @@ def test_a_swinging_mode_has_its_peak_at_its_frequency_in_the_spectrum():
     samples = np.zeros((len(t), len(LAYOUT.channels)))
     samples[:, 0] = np.sin(2 * np.pi * frequency * t)
     samples[:, 1:] = 1e-3 * np.random.default_rng(3).standard_normal((len(t), 7))
-    picture = spectrum_picture(samples, rate, LAYOUT, [frequency])
+    picture = spectrum_picture(samples, rate, [LAYOUT], [frequency], duration=600.0)
     highest = picture.spectra[0][np.argmin(picture.spectra[0][:, 1])]
     assert abs(highest[0] - picture.modes[0][0, 0]) < 0.02
     assert len(picture.spectra) == len(LAYOUT.channels)
@@ -185,9 +187,38 @@ def test_a_swinging_mode_has_its_peak_at_its_frequency_in_the_spectrum():
 def test_a_direction_that_no_channel_measures_has_no_panel():
     fore_aft = replace(LAYOUT, channels=LAYOUT.channels[:4])
     samples = np.random.default_rng(4).standard_normal((4000, 4))
-    picture = spectrum_picture(samples, 40.0, fore_aft, [1.8])
+    picture = spectrum_picture(samples, 40.0, [fore_aft], [1.8], duration=100.0)
     assert len(picture.modes) == 1
     assert not any("side-side" in text.text for text in picture.texts)
+
+
+def test_every_channel_is_in_a_plot_and_a_spectrum_also_an_upright_or_a_skew_one():
+    directions = [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.6, 0.28**0.5)]
+    channels = tuple(Accelerometer(f"c{n}", 9.0 + n, each) for n, each in enumerate(directions))
+    layout = replace(LAYOUT, channels=channels)
+    samples = np.random.default_rng(4).standard_normal((4000, 4))
+    picture = spectrum_picture(samples, 40.0, [layout], [], duration=100.0)
+    assert sorted(picture.levels) == [0, 1, 2, 3]
+    assert len(picture.frames) == 3
+    assert any("vertical" in text.text for text in picture.texts)
+    plots, spectra = signals("/t", ViewParameters("t", (layout,), (), 50.0)).contents
+    shown = [
+        each.visible_series.as_arrow_array().to_pylist()
+        for plot in plots.contents
+        for each in plot.visualizer_overrides.values()
+    ]
+    assert np.sum(shown, axis=0).tolist() == [1, 1, 1, 1]
+    foot = picture.frames[-1][:, 1].max()
+    (bounds,) = spectra.properties["VisualBounds2D"].range.as_arrow_array().to_pylist()
+    assert bounds["y_range"][1] > foot
+
+
+def test_a_spectrum_of_a_part_of_its_window_says_so():
+    samples = np.random.default_rng(4).standard_normal((4000, 8))
+    for duration, words in ((100.0, "Hz]"), (200.0, "Hz]; 1.67 of 3.33 min")):
+        picture = spectrum_picture(samples, 40.0, [LAYOUT], [], duration=duration)
+        (title,) = (each.text for each in picture.texts if "fore-aft" in each.text)
+        assert title.endswith(words)
 
 
 @pytest.mark.parametrize("seconds", [600.0, 37.5])
@@ -234,7 +265,7 @@ def test_a_window_has_the_rate_of_its_own_samples():
 def test_mac_matrix_is_bright_on_its_diagonal_and_in_the_order_of_frequency():
     rng = np.random.default_rng(8)
     estimate = modal_estimate(0, rng)
-    matrix = mac_matrix(estimate, foundation_posterior(estimate, 1, rng), LAYOUT)
+    matrix = mac_matrix(estimate, foundation_posterior(estimate, 1, rng))
     assert matrix is not None
     assert np.all(np.diag(matrix.values) > 0.98)
     expected = np.array(
@@ -251,7 +282,7 @@ def test_labels_of_a_mac_matrix_do_not_cover_each_other(copies: int):
     estimate = modal_estimate(0, rng)
     posterior = foundation_posterior(estimate, 1, rng)
     crowded = replace(estimate, modes=estimate.modes * copies)
-    matrix = mac_matrix(crowded, posterior, LAYOUT)
+    matrix = mac_matrix(crowded, posterior)
     assert matrix is not None
     heights = [text.position[1] for text in matrix.texts if text.position[0] < 0.0]
     assert np.diff(heights).min() >= LABEL_PITCH

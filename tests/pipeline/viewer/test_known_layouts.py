@@ -33,6 +33,7 @@ def test_all_units_together_have_the_name_that_the_identification_gives_them() -
     together = joined_layout([LOWER, UPPER])  # in the order of their names, as windows have them
     found = known(UPPER, LOWER).named(together.layout_id)
     assert found == together
+    assert known(UPPER, LOWER).units_of(together.layout_id) == (LOWER, UPPER)
     renewed = replace(UPPER, layout_id="high, turned")
     assert known(UPPER, LOWER, renewed).named(together.layout_id) is None
 
@@ -42,6 +43,14 @@ def test_a_posterior_gets_the_layout_whose_channels_its_shapes_have() -> None:
     for layout in (LOWER, UPPER):
         posterior = replace(POSTERIOR, model_shapes=np.ones((3, len(layout.channels))))
         assert both.of_posterior(posterior, None) is layout
-        of = replace(estimate(0), layout_id=layout.layout_id)
+        of = replace(estimate(0), layout_id=layout.layout_id, channels=layout.channel_names)
         assert both.of_posterior(posterior, of) is layout
         assert both.of_posterior(posterior, replace(of, layout_id="neither")) is None
+        assert both.of_posterior(posterior, replace(of, channels=layout.channel_names[:1])) is None
+
+
+def test_a_posterior_of_an_unknown_window_gets_no_layout_where_two_have_as_many_channels() -> None:
+    """In whose order its shapes are, nothing tells."""
+    turned = replace(UPPER, layout_id="turned", channels=UPPER.channels[::-1])
+    posterior = replace(POSTERIOR, model_shapes=np.ones((3, len(UPPER.channels))))
+    assert known(UPPER, turned).of_posterior(posterior, None) is None

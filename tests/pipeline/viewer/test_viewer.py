@@ -20,7 +20,7 @@ from pipeline.viewer.blueprint import session_blueprint, turbine_tabs
 from pipeline.viewer.drawing.tower import CLEARANCE, SENSOR_LABELS, label_distance
 from pipeline.viewer.outputs.outputs import ConnectedViewer, RrdFile, ViewerError
 from pipeline.viewer.pictures import colours
-from pipeline.viewer.pictures.display_signals import DISPLAY_RATE, DISPLAY_STEP
+from pipeline.viewer.pictures.display_signals import DISPLAY_RATE
 from pipeline.viewer.pictures.scene import DRAWN_HEIGHT, outline
 from pipeline.viewer.tabs.modes import shapes_view
 from pipeline.viewer.turbine_view import MOST_AHEAD, TurbineView
@@ -152,7 +152,7 @@ def test_displayed_accelerations_follow_the_measured_ones_on_a_coarse_step(recor
     measured = block.samples[(times - block.start_ns) * 40 // NANOSECONDS]
     for channel in range(4):  # side-side has hardly more than noise here
         assert np.corrcoef(shown[:, channel], measured[:, channel])[0, 1] > 0.8
-    assert (shown / DISPLAY_STEP == np.round(shown / DISPLAY_STEP)).all()
+    assert (shown * 2.0**20 == np.round(shown * 2.0**20)).all()  # of the 24 bits some are zero
 
 
 def test_posterior_bands_are_ratios_to_nominal_with_the_truth_beside_them(recorded: Recorded):
@@ -511,6 +511,81 @@ def test_every_day_has_a_file_of_its_own_that_stands_alone(tmp_path: Path):
     assert second.series_names(SIGNAL) == first.series_names(SIGNAL)
     assert f"{ROOT}/tower/structure" in second.entities
     assert second.n_blueprints == 2
+
+
+def test_the_next_days_file_goes_on_with_the_sizes_of_a_change_and_the_first_frequencies(
+    tmp_path: Path,
+):
+    day = 86_400 * NANOSECONDS
+    messages = list(session(Episode(n_windows=1)))
+    (estimated,) = (each for each in messages if isinstance(each, ModalEstimate))
+    (posterior,) = (each for each in messages if isinstance(each, FoundationPosterior))
+    blocks = [message for message in messages if isinstance(message, AccelerationBlock)]
+    lower = replace(
+        estimated,
+        start_ns=estimated.start_ns + day,
+        end_ns=estimated.end_ns + day,
+        modes=tuple(replace(each, frequency=0.95 * each.frequency) for each in estimated.modes),
+    )
+    ratio = RelativeStiffness("k22", 0.9, 0.88, 0.92, START_NS)
+    later = replace(posterior, time_ns=posterior.time_ns + day, relative=(ratio,))
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    next_day = [replace(block, start_ns=block.start_ns + day) for block in blocks]
+    for message in [*messages, change_event(1), *next_day, lower, later]:
+        viewer.handle(message)
+    viewer.close()
+    first, second = Recorded(tmp_path / "s.rrd"), Recorded(tmp_path / "s-2026-01-02.rrd")
+    size, change = f"{ROOT}/change/size/k22", f"{ROOT}/frequencies/change/m5"
+    assert second.scalars(size)[-1] == pytest.approx([-12.0, -10.0, -8.0])
+    assert second.series_names(size) == first.series_names(size)
+    assert second.scalars(change).ravel() == pytest.approx([-5.0])
+    assert second.series_names(change) == first.series_names(change)
+
+
+def test_the_spectra_of_a_turbine_with_two_units_are_of_both(tmp_path: Path):
+    units = [
+        replace(LAYOUT, layout_id=name, unit=name, channels=LAYOUT.channels[half])
+        for name, half in (("a", slice(4)), ("b", slice(4, 8)))
+    ]
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], DESCRIPTION, session="s", strict=True)
+    for unit in units:
+        viewer.handle(unit)
+    for message in session(Episode(n_windows=1)):
+        if isinstance(message, AccelerationBlock):
+            for unit, half in zip(units, np.hsplit(message.samples, 2), strict=True):
+                name = unit.unit
+                viewer.handle(replace(message, unit=name, layout_id=name, samples=half.copy()))
+        elif isinstance(message, ModalEstimate):
+            viewer.handle(replace(message, layout_id="a+b"))
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    (lines,) = recorded.column(f"{ROOT}/spectrum/channels", "LineStrips2D:strips")
+    assert len(lines) == len(LAYOUT.channels)
+
+
+def test_shapes_of_a_small_structure_are_drawn_as_tall_as_it_is(tmp_path: Path):
+    """Of a model, and identified: axis and sensors are enlarged to DRAWN_HEIGHT."""
+    foot = DESCRIPTION.mudline
+    shrink = 50 / (DESCRIPTION.tower_top - foot)
+    tubes = tuple(
+        replace(tube, bottom=(tube.bottom - foot) * shrink, top=(tube.top - foot) * shrink)
+        for tube in DESCRIPTION.tubes
+    )
+    small = replace(DESCRIPTION, tubes=tubes, water=None)
+    channels = tuple(
+        replace(each, elevation=(each.elevation - foot) * shrink) for each in LAYOUT.channels
+    )
+    viewer = Viewer([RrdFile(tmp_path / "s.rrd")], small, session="s", strict=True)
+    for message in session(Episode(n_windows=1, truth=False)):
+        is_layout = isinstance(message, type(LAYOUT))
+        viewer.handle(replace(LAYOUT, channels=channels) if is_layout else message)
+    viewer.close()
+    recorded = Recorded(tmp_path / "s.rrd")
+    ((line,),) = recorded.column(f"{ROOT}/shapes/3/motion/model", "LineStrips3D:strips")
+    (dots,) = recorded.column(f"{ROOT}/shapes/3/motion/identified", "Points3D:positions")
+    (sensors,) = recorded.column(f"{ROOT}/tower/sensors/tower", "Points3D:positions", static=True)
+    for drawn in (line, dots):
+        assert np.array(drawn)[:, 2] == pytest.approx(np.array(sensors)[:, 2])
 
 
 def test_two_turbines_share_a_recording_side_by_side(tmp_path: Path):

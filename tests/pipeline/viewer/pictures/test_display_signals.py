@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.viewer.pictures.display_signals import (
-    DISPLAY_STEP,
     SAME_CLOCK,
+    STEPS_IN_SPREAD,
     DisplayDecimator,
     DisplaySignal,
     join_runs,
@@ -15,6 +15,7 @@ from pipeline.viewer.pictures.display_signals import (
 )
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 
+STEP = 2 / STEPS_IN_SPREAD  # largest of signals of 1 m/s² [m/s²]
 START_NS = 1_767_225_600 * NANOSECONDS
 
 
@@ -61,7 +62,7 @@ def test_where_the_blocks_are_cut_does_not_matter():
         shown(blocks(3.0, sampling_rate=100.0, seconds=12, length=length)) for length in (0.05, 4.0)
     )
     assert (short.times_ns == long.times_ns).all()
-    assert short.samples == pytest.approx(long.samples, abs=DISPLAY_STEP)
+    assert short.samples == pytest.approx(long.samples, abs=STEP)
 
 
 @pytest.mark.parametrize("sampling_rate", [40.0, 62.5])
@@ -69,7 +70,7 @@ def test_blocks_joined_to_minutes_give_the_samples_of_single_blocks(sampling_rat
     made = blocks(3.0, sampling_rate=sampling_rate, seconds=12)
     apart, together = shown(made), shown(list(join_runs(made)))
     assert (apart.times_ns == together.times_ns).all()
-    assert apart.samples == pytest.approx(together.samples, abs=DISPLAY_STEP)
+    assert apart.samples == pytest.approx(together.samples, abs=STEP)
 
 
 def test_blocks_with_a_gap_a_restart_or_another_clock_between_them_are_not_joined():
@@ -126,4 +127,25 @@ def test_blocks_of_another_rate_are_filtered_for_theirs(rates: tuple[float, floa
     behind = signal.times_ns[broken + 1 :]
     alone = shown(after)
     np.testing.assert_array_equal(behind, alone.times_ns)
-    assert signal.samples[broken + 1 :] == pytest.approx(alone.samples, abs=DISPLAY_STEP)
+    assert signal.samples[broken + 1 :] == pytest.approx(alone.samples, abs=STEP)
+
+
+@pytest.mark.parametrize("size", [1e-9, 3e-5, 1.0, 1e6])
+def test_signals_of_any_size_are_drawn_as_finely_and_as_briefly(size: float):
+    """A geophone's 3e-5 m/s as an inclinometer's degrees: with some hundred values each."""
+    samples = np.random.default_rng(8).standard_normal((2400, 2)).astype(np.float32)
+    block = AccelerationBlock("t", "u", "s", "l", 0, 0, START_NS, 20.0, size * samples)
+    drawn = DisplayDecimator(20.0).push(block).samples / size
+    assert drawn == pytest.approx(samples, abs=STEP)
+    assert 300 < len(np.unique(drawn)) < 1500
+
+
+def test_a_spike_or_a_fault_makes_the_rest_no_coarser():
+    samples = np.random.default_rng(8).standard_normal((2400, 3)).astype(np.float32)
+    with_faults = samples.copy()
+    with_faults[100, 0], with_faults[100, 1], with_faults[:, 2] = 1e6, np.nan, 0.25
+    block = AccelerationBlock("t", "u", "s", "l", 0, 0, START_NS, 20.0, with_faults)
+    drawn = DisplayDecimator(20.0).push(block).samples
+    assert drawn[101:, :2] == pytest.approx(samples[101:, :2], abs=STEP)
+    assert np.isnan(drawn[100, 1])
+    assert (drawn[:, 2] == 0.25).all()
