@@ -19,9 +19,7 @@ from pipeline.messages import (
 from pipeline.nodes.by_turbine import NodeByTurbine, SnapshotStore
 from pipeline.nodes.node import NodeSnapshot, NodeStatistics
 from pipeline.nodes.operating_state import (
-    Answer as Answer,  # which the library takes from here
-)
-from pipeline.nodes.operating_state import (
+    Answer,
     OperationSettings,
     at_its_channels,
     usable_estimate,

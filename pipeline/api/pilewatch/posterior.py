@@ -205,7 +205,7 @@ def update(
 
 if TYPE_CHECKING:
     from pipeline.messages import ModalEstimate
-    from pipeline.nodes.updating import Answer
+    from pipeline.nodes.operating_state import Answer
     from pipeline.scenario import Scenario
 
 
