@@ -136,5 +136,5 @@ class _Reader:
                 samples=interpolated(held.astype(np.float64), positions).astype(np.float32),
             )
             self._sequence += 1
-        unneeded = max(0, int(positions[0]) - 2 * HALF_LENGTH)
+        unneeded = min(len(held), max(0, int(positions[0]) - 2 * HALF_LENGTH))
         self._held, self._held_from = held[unneeded:], self._held_from + unneeded

@@ -64,3 +64,25 @@ def test_a_converter_that_is_fast_takes_more_samples_of_the_same_time(drift: flo
     inner = slice(5, -5)
     first = np.array([each.samples[0, 0] for each in read])
     assert first[inner] == pytest.approx(np.sin(2 * np.pi * slow * taken)[inner], abs=2e-3)
+
+
+@pytest.mark.parametrize("start", [0.0, 2.0, 3.0, 30.0])
+def test_a_unit_that_starts_later_has_the_towers_samples_of_its_stamps(start: float) -> None:
+    """Up to the session's end and none beyond it, wherever the unit starts."""
+    tower = np.random.default_rng(5).standard_normal((20 * 60, 2)).astype(np.float32)
+    blocks = [
+        replace(
+            FIRST,
+            sequence=k,
+            first_sample=20 * k,
+            start_ns=FIRST.start_ns + k * NANOSECONDS,
+            samples=tower[20 * k : 20 * (k + 1)],
+        )
+        for k in range(60)
+    ]
+    units = (UnitSettings("early", (20.0,)), UnitSettings("later", (60.0,), start=start))
+    read = [each for each in read_by_units(blocks, LAYOUT, units) if each.unit == "later"]
+    stamps = [(each.start_ns - FIRST.start_ns) / NANOSECONDS for each in read]
+    assert stamps == pytest.approx(np.arange(start, 60.0))
+    samples = np.concatenate([each.samples[:, 0] for each in read])
+    np.testing.assert_array_equal(samples, tower[round(20 * start) :, 1])
