@@ -1,11 +1,13 @@
 """Read the channels of a recording or of a file of measurements as one table."""
 
 import heapq
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from pipeline.messages import Message
 from pipeline.nodes.operating_state import OperationLog
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.windowing import BlockOrder, MissingSamples
@@ -59,11 +61,30 @@ def recorded_channels(path: Path) -> ChannelTable:
     RecordingError, FileError
         If it holds no blocks.
     """
+    messages = read_messages(path, (SensorLayout, AccelerationBlock, ScadaSample))
+    return channels_of_messages(messages, str(path))
+
+
+def channels_of_messages(messages: Iterable[Message], origin: str) -> ChannelTable:
+    """Return the samples of the first turbine among messages, as `recorded_channels` does.
+
+    Parameters
+    ----------
+    messages : iterable of Message
+        Layouts before their blocks; blocks may be late, repeated or missing.
+    origin : str
+        Where they are from, for the error.
+
+    Raises
+    ------
+    FileError
+        If there are no blocks.
+    """
     layouts: dict[str, SensorLayout] = {}
     blocks: dict[str, list[AccelerationBlock]] = {}  # of the first turbine, by unit
     operation: dict[str, OperationLog] = {}
     turbine = ""
-    for message in read_messages(path, (SensorLayout, AccelerationBlock, ScadaSample)):
+    for message in messages:
         if isinstance(message, ScadaSample):
             operation.setdefault(message.turbine, OperationLog(None)).note(message)
         elif isinstance(message, SensorLayout):
@@ -73,7 +94,7 @@ def recorded_channels(path: Path) -> ChannelTable:
             if message.turbine == turbine:
                 blocks.setdefault(message.unit, []).append(message)
     if not blocks:
-        raise FileError(f"{path} holds no acceleration blocks")
+        raise FileError(f"{origin} holds no acceleration blocks")
     by_unit = {unit: _in_order(blocks[unit]) for unit in sorted(blocks)}
     if len(by_unit) > 1:
         table = _join_blocks(by_unit, layouts)
