@@ -118,6 +118,23 @@ class SimulationSettings:
                 f"the stage at {turning[0].at:g} s is {turning[0].state!r}; a rotor that turns "
                 "needs [simulation.wind]"
             )
+        self._require_loads_of_stages()
+
+    def _require_loads_of_stages(self) -> None:
+        """Raise SimulationError for weather of a stage that no load would make."""
+        needed = {
+            "wind_speed": ("wind", self.wind),
+            "significant_wave_height": ("sea", self.sea),
+            "peak_period": ("sea", self.sea),
+        }
+        for step in self.stages:
+            for name, (section, load) in needed.items():
+                value = getattr(step, name)
+                if value is not None and load is None:
+                    raise SimulationError(
+                        f"the stage at {step.at:g} s has {name} {value:g}, which needs "
+                        f"[simulation.{section}]"
+                    )
 
     @property
     def samples_per_block(self) -> int:
