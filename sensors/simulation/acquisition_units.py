@@ -41,6 +41,8 @@ class UnitSettings:
                 f"unit name is {self.name!r}; a name without spaces and / * $ # ? + is needed "
                 "(it becomes part of a Zenoh key)"
             )
+        if not self.elevations:
+            raise UnitError(f"unit {self.name}: elevations is []; it reads at least one height")
         if not self.start >= 0:
             raise UnitError(f"unit {self.name}: start is {self.start:g} s; it must be 0 or more")
 
@@ -51,11 +53,19 @@ def unit_layouts(layout: SensorLayout, units: tuple[UnitSettings, ...]) -> tuple
     Raises
     ------
     UnitError
-        If a height is read by no unit, or by more than one.
+        If a height is read by no unit, or by more than one, or has no sensor.
     """
     if not units:
         return (layout,)
-    for elevation in sorted({channel.elevation for channel in layout.channels}):
+    heights = sorted({channel.elevation for channel in layout.channels})
+    for unit in units:
+        for elevation in unit.elevations:
+            if elevation not in heights:
+                raise UnitError(
+                    f"unit {unit.name}: elevations has {elevation:g} m, where no sensor is; there "
+                    f"are sensors at {', '.join(f'{height:g}' for height in heights)} m"
+                )
+    for elevation in heights:
         readers = [unit.name for unit in units if elevation in unit.elevations]
         if len(readers) != 1:
             raise UnitError(

@@ -66,7 +66,7 @@ class Fault:
     """Name in the layout, where the fault is a channel's."""
 
     other: str = ""
-    """The other channel, where two are concerned."""
+    """The other channel, of the same unit, where two are concerned."""
 
     size: float = 0.0
     """Unit by kind, see `FaultKind`."""
@@ -106,7 +106,7 @@ def with_faults(
     blocks : iterable of AccelerationBlock
         Without faults.
     faults : tuple of Fault
-        Of channels and units.
+        Of channels and units that the layouts have, see `require_known`.
     layouts : sequence of SensorLayout
         Of the units, one each.
     rng : numpy.random.Generator
@@ -115,14 +115,7 @@ def with_faults(
     Yields
     ------
     AccelerationBlock
-
-    Raises
-    ------
-    FaultError
-        For a channel or a unit that no layout has.
     """
-    channels = {layout.unit: layout.channel_names for layout in layouts}
-    _require_known(faults, channels)
     own_rngs = rng.spawn(len(layouts)) if len(layouts) > 1 else [rng]
     units = {
         layout.unit: FaultyUnit(
@@ -138,19 +131,21 @@ def with_faults(
         yield from unit.finish()
 
 
-def _require_known(faults: tuple[Fault, ...], channels: dict[str, tuple[str, ...]]) -> None:
-    known = [name for names in channels.values() for name in names]
+def require_known(faults: tuple[Fault, ...], layouts: Sequence[SensorLayout]) -> None:
+    """Raise FaultError for a channel or a unit that no layout has, or channels of two units."""
+    unit_of = {name: layout.unit for layout in layouts for name in layout.channel_names}
+    units = [layout.unit for layout in layouts]
     for fault in faults:
+        where = f"fault {fault.kind!r} at {fault.start:g} s"
         for name in (fault.channel, fault.other):
-            if name and name not in known:
-                raise FaultError(
-                    f"fault {fault.kind!r} at {fault.start:g} s: no channel {name!r}; "
-                    f"there are {', '.join(known)}"
-                )
-        if fault.unit and fault.unit not in channels:
+            if name and name not in unit_of:
+                raise FaultError(f"{where}: no channel {name!r}; there are {', '.join(unit_of)}")
+        if fault.unit and fault.unit not in units:
+            raise FaultError(f"{where}: no unit {fault.unit!r}; there are {', '.join(units)}")
+        if fault.other and unit_of[fault.channel] != unit_of[fault.other]:
             raise FaultError(
-                f"fault {fault.kind!r} at {fault.start:g} s: no unit {fault.unit!r}; "
-                f"there are {', '.join(channels)}"
+                f"{where}: channel {fault.channel!r} is of unit {unit_of[fault.channel]!r}, other "
+                f"{fault.other!r} of {unit_of[fault.other]!r}; both are of one unit"
             )
 
 

@@ -112,6 +112,13 @@ class SimulationSettings:
                 f"tube_refinement is {self.tube_refinement}; it must be 1 or more"
             )
 
+        names = [unit.name for unit in self.units]
+        for name in names:
+            if names.count(name) > 1:
+                raise SimulationError(
+                    f"units has {names.count(name)} called {name!r}; each has a name of its own"
+                )
+
         turning = [step for step in self.stages if step.state not in (None, "parked")]
         if turning and self.wind is None:
             raise SimulationError(

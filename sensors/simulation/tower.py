@@ -19,7 +19,7 @@ from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.simulated_modes import StructureModes
 from sensors.loads import RandomStream, generator
 from sensors.simulation.acquisition_units import read_by_units, unit_layouts
-from sensors.simulation.faults import with_faults
+from sensors.simulation.faults import require_known, with_faults
 from sensors.simulation.instruments import Decimator, MountedAxes, quantise
 from sensors.simulation.loads_over_time import build_loads, build_schedule, true_springs
 from sensors.simulation.schedule import scada_samples
@@ -55,6 +55,11 @@ class SimulatedTower:
     linear theory gives each channel at the beginning, not of the record's: it does not depend on
     the seed. The same settings give the same samples whatever the block size and `chunks_ahead`,
     the minutes of each load that are drawn ahead; memory is flat in the duration.
+
+    Raises
+    ------
+    SimulationError, UnitError, FaultError
+        For settings that do not fit the structure or the layout.
     """
 
     def __init__(
@@ -69,6 +74,7 @@ class SimulatedTower:
         self._chunks_ahead = chunks_ahead
         self.settings = settings = settings or SimulationSettings()
         self.layouts = unit_layouts(layout, settings.units)  # of each acquisition unit
+        require_known(settings.faults, self.layouts)
         self._springs = true_springs(description, settings.stiffness_ratios)
         if settings.structure:
             differing = load_turbine(settings.structure)
@@ -112,13 +118,7 @@ class SimulatedTower:
         return self._structure.at(0.0)
 
     def messages(self) -> Iterator[AccelerationBlock | ScadaSample]:
-        """Blocks as the link brings them, and SCADA samples, each before the block that it is of.
-
-        Raises
-        ------
-        FaultError
-            For a fault on a channel that the layout has not.
-        """
+        """Blocks as the link brings them, and SCADA samples, each before the block it is of."""
         settings = self.settings
         blocks: Iterator[AccelerationBlock] = iter(self)
         if settings.units:

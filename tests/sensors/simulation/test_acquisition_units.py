@@ -7,7 +7,12 @@ import pytest
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
-from sensors.simulation.acquisition_units import UnitSettings, read_by_units
+from sensors.simulation.acquisition_units import (
+    UnitError,
+    UnitSettings,
+    read_by_units,
+    unit_layouts,
+)
 
 LAYOUT = SensorLayout(
     "two",
@@ -86,3 +91,11 @@ def test_a_unit_that_starts_later_has_the_towers_samples_of_its_stamps(start: fl
     assert stamps == pytest.approx(np.arange(start, 60.0))
     samples = np.concatenate([each.samples[:, 0] for each in read])
     np.testing.assert_array_equal(samples, tower[round(20 * start) :, 1])
+
+
+def test_a_unit_without_a_height_or_with_one_where_no_sensor_is_is_refused() -> None:
+    with pytest.raises(UnitError, match=r"unit low: elevations is \[\]; it reads at least one"):
+        UnitSettings("low", ())
+    line = "unit low: elevations has 21 m, where no sensor is; there are sensors at 20, 60 m"
+    with pytest.raises(UnitError, match=line):
+        unit_layouts(LAYOUT, (UnitSettings("low", (20.0, 21.0)), UnitSettings("high", (60.0,))))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import Accelerometer, SensorLayout
-from sensors.simulation.faults import Fault, FaultError, with_faults
+from sensors.simulation.faults import Fault, FaultError, require_known, with_faults
 
 NAMES = ("a", "b", "c")
 LAYOUT = SensorLayout("l", "t", "u", tuple(Accelerometer(n, 0.0, (1.0, 0.0, 0.0)) for n in NAMES))
@@ -151,7 +151,21 @@ def test_a_fault_that_cannot_be_is_refused(wrong: dict[str, object], message: st
 
 def test_a_fault_on_a_channel_that_is_not_there_is_refused() -> None:
     with pytest.raises(FaultError, match=r"no channel 'z9'; there are a, b, c"):
-        arrived(replace(faulty("dead", channel="a"), channel="z9"))
+        require_known((faulty("dead", channel="z9"),), [LAYOUT])
+    with pytest.raises(FaultError, match=r"no unit 'v'; there are u"):
+        require_known((faulty("dropped", unit="v"),), [LAYOUT])
+
+
+@pytest.mark.parametrize("kind", ["swapped", "duplicate"])
+def test_channels_of_two_units_do_not_meet_in_a_fault(kind: str) -> None:
+    low, high = (
+        replace(LAYOUT, unit=unit, channels=channels)
+        for unit, channels in (("low", LAYOUT.channels[:2]), ("high", LAYOUT.channels[2:]))
+    )
+    require_known((faulty(kind, channel="a", other="b"),), [low, high])
+    line = "channel 'a' is of unit 'low', other 'c' of 'high'; both are of one unit"
+    with pytest.raises(FaultError, match=line):
+        require_known((faulty(kind, channel="a", other="c"),), [low, high])
 
 
 def test_a_spike_comes_once_a_minute_and_adds_its_size() -> None:
