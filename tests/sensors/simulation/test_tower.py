@@ -15,6 +15,7 @@ from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.simulated_modes import ModalDamping, observed_modes, structure_modes
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
 from sensors.simulation.instruments import Instruments
+from sensors.simulation.schedule import FoundationSchedule, StiffnessEvent
 from sensors.simulation.tower import (
     SimulatedTower,
     SimulationError,
@@ -317,3 +318,19 @@ def test_axes_off_by_ninety_degrees_sense_the_other_direction() -> None:
     scale = np.abs(straight.shapes).max()
     np.testing.assert_allclose(turned.shapes[:, :4], side_side, atol=1e-9 * scale)
     np.testing.assert_allclose(turned.shapes[:, 4:], -fore_aft, atol=1e-9 * scale)
+
+
+def test_the_foundation_changes_at_the_instant_of_an_event(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In the middle of what is integrated at a time as at a beginning of it, and not before."""
+    scour = FoundationSchedule(events=(StiffnessEvent(10.0, (0.5, 0.5, 0.5)),))
+    without, changed = recorded(QUIET), recorded(replace(QUIET, foundation=scour))
+    close = 1e-5 * without.std()
+    spread = 1.3  # half length of the converter's filter [s]
+    before, after = slice(0, round((10.0 - spread) * 40)), slice(round((10.0 + spread) * 40), 800)
+    np.testing.assert_allclose(changed[before], without[before], rtol=0, atol=close)
+    assert np.abs(changed[after] - without[after]).max() > 0.1 * without.std()
+    monkeypatch.setattr("sensors.simulation.tower.CHUNK_DURATION", 15.0)  # from 5 s before 0
+    at_a_beginning = recorded(replace(QUIET, foundation=scour))
+    np.testing.assert_allclose(changed, at_a_beginning, rtol=0, atol=close)
