@@ -59,7 +59,7 @@ class SimulationSettings:
     """Sampling rate [Hz]."""
 
     block_duration: float = field(default=1.0, metadata=NO_KEY)
-    """Block duration [s]."""
+    """Block duration [s], as near to it as a whole number of samples is."""
 
     noise_share: float = 0.03
     """White noise as a share of each channel's rms by linear theory [-]."""
@@ -102,11 +102,6 @@ class SimulationSettings:
                 raise SimulationError(f"{name} is {getattr(self, name):g}; it must be 0 or more")
         if self.seed < 0:
             raise SimulationError(f"seed is {self.seed}; it must be 0 or more")
-        if abs(self.block_duration * self.sampling_rate - self.samples_per_block) > 1e-6:
-            raise SimulationError(
-                f"block_duration is {self.block_duration:g} s; at {self.sampling_rate:g} Hz it "
-                "must hold a whole number of samples"
-            )
         if self.tube_refinement < 1:
             raise SimulationError(
                 f"tube_refinement is {self.tube_refinement}; it must be 1 or more"
