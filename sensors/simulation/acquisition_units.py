@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.resampling import HALF_LENGTH, interpolated
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
 
@@ -45,6 +46,18 @@ class UnitSettings:
             raise UnitError(f"unit {self.name}: elevations is []; it reads at least one height")
         if not self.start >= 0:
             raise UnitError(f"unit {self.name}: start is {self.start:g} s; it must be 0 or more")
+
+    def times(self, numbers: NDArray[np.integer], rate: float) -> FloatArray:
+        """Return when its samples are taken, since the session's first [s].
+
+        Parameters
+        ----------
+        numbers : ndarray of int, shape (n,)
+            Of the samples, from 0 at the unit's first.
+        rate : float
+            Nominal sampling rate [Hz].
+        """
+        return self.start + numbers / (rate * (1 + 1e-6 * self.clock_drift))
 
 
 def unit_layouts(layout: SensorLayout, units: tuple[UnitSettings, ...]) -> tuple[SensorLayout, ...]:
@@ -131,7 +144,7 @@ class _Reader:
         while True:
             first = self._sequence * self._size
             numbers = first + np.arange(self._size)
-            times = unit.start + numbers / (rate * (1 + 1e-6 * unit.clock_drift))
+            times = unit.times(numbers, rate)
             positions = times * rate - self._held_from
             if positions[-1] > len(held) - 1 - margin:
                 break

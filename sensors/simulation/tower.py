@@ -127,7 +127,7 @@ class SimulatedTower:
             blocks = read_by_units(blocks, self.layout, settings.units)
         if settings.faults:
             rng = generator(settings.seed, RandomStream.FAULTS)
-            blocks = with_faults(blocks, settings.faults, self.layouts, rng=rng)
+            blocks = with_faults(blocks, settings.faults, self.layouts, settings.units, rng=rng)
         if settings.scada_period == 0:
             return blocks
         samples = scada_samples(
