@@ -1,12 +1,13 @@
 """Read the channels of a recording or of a file of measurements as one table."""
 
 import heapq
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from pipeline.messages import Message
 from pipeline.nodes.operating_state import OperationLog
 from pipeline.oma.windows.unit_alignment import UnitJoiner
 from pipeline.oma.windows.windowing import Beginning, BlockOrder, MissingSamples
@@ -97,10 +98,33 @@ def recorded_channels(files: Sequence[Path], turbine: str | None = None) -> Plac
         If it holds no blocks of the turbine, or the layouts of its units do not fit one another.
     """
     origin = files[0] if len(files) == 1 else files[0].parent
+    messages = session_messages(files, (SensorLayout, AccelerationBlock, ScadaSample))
+    return channels_of_messages(messages, str(origin), turbine)
+
+
+def channels_of_messages(
+    messages: Iterable[Message], origin: str, turbine: str | None = None
+) -> PlacedChannels:
+    """Return the samples of one turbine among messages, as `recorded_channels` does.
+
+    Parameters
+    ----------
+    messages : iterable of Message
+        Layouts and blocks, which may be late, repeated or missing.
+    origin : str
+        Where they are from, for the error.
+    turbine : str, optional
+        By default the first one of which there are blocks; a warning names others.
+
+    Raises
+    ------
+    FileError
+        If there are no blocks of the turbine, or the layouts of its units do not fit one another.
+    """
     layouts: dict[tuple[str, str, str], SensorLayout] = {}  # by turbine, unit and layout_id
     blocks: dict[str, dict[str, list[_PlacedBlock]]] = {}  # by turbine and unit; of one turbine
     operation: dict[str, OperationLog] = {}
-    for message in session_messages(files, (SensorLayout, AccelerationBlock, ScadaSample)):
+    for message in messages:
         if isinstance(message, ScadaSample):
             operation.setdefault(message.turbine, OperationLog(None)).note(message)
         elif isinstance(message, SensorLayout):
@@ -171,7 +195,7 @@ class _Stream:
 def _unit_stream(
     placed: list[_PlacedBlock],
     layouts: Mapping[tuple[str, str, str], SensorLayout],
-    origin: Path,
+    origin: str,
 ) -> _Stream:
     """Blocks of one unit with every channel that it had, each in the column of its name."""
     kept: list[tuple[AccelerationBlock, tuple[str, ...]]] = []
@@ -215,7 +239,7 @@ def _in_columns(
     return replace(block, samples=samples)
 
 
-def _one_layout(layouts: Sequence[SensorLayout], origin: Path) -> SensorLayout:
+def _one_layout(layouts: Sequence[SensorLayout], origin: str) -> SensorLayout:
     """All channels of a unit's layouts, each as the last one that has it states it.
 
     Raises
@@ -242,7 +266,7 @@ def _one_layout(layouts: Sequence[SensorLayout], origin: Path) -> SensorLayout:
     return replace(layouts[-1], channels=tuple(channels.values()))
 
 
-def _joined(units: Sequence[_Stream], origin: Path) -> _Stream:
+def _joined(units: Sequence[_Stream], origin: str) -> _Stream:
     """All units' channels side by side on one clock."""
     layouts = [unit.layout for unit in units if unit.layout is not None]
     if len(layouts) < len(units):

@@ -25,6 +25,11 @@ class ScenarioError(InputError):
     """A scenario that cannot be run; the message names file, section and key."""
 
 
+def _require_key_part(key: str, name: str) -> None:
+    if wrong := named_key_part_error(name):
+        raise ScenarioError(f"{key} is {name!r}: {wrong}")
+
+
 @dataclass(frozen=True, slots=True)
 class TurbineSettings:
     """Which structure is watched, and under what name its messages travel."""
@@ -39,8 +44,7 @@ class TurbineSettings:
     """Sign convention of k12; None: as the description has it."""
 
     def __post_init__(self) -> None:
-        if wrong := named_key_part_error(self.id):
-            raise ScenarioError(f"id is {self.id!r}: {wrong}")
+        _require_key_part("id", self.id)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +62,11 @@ class SensorSettings:
     """"dc" or "ac"; a DC-coupled sensor feels the tilt of the tower."""
     corner_frequency: float = 0.0
     """Corner frequency of AC-coupled ones [Hz]."""
+
+    def __post_init__(self) -> None:
+        _require_key_part("unit", self.unit)
+        if not self.elevations:
+            raise ScenarioError("elevations is []; a unit has at least one sensor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +97,9 @@ class FarmMember:
     """Factors of its true springs k11, k22, k12, times the drawn ones [-]."""
 
     def __post_init__(self) -> None:
+        for key in ("id", "unit"):
+            if name := getattr(self, key):
+                _require_key_part(key, name)
         if not min(self.stiffness) > 0:
             raise ScenarioError(f"stiffness is {list(self.stiffness)}; factors are positive")
 

@@ -31,12 +31,13 @@ def recorded_truths(path: Path) -> Iterator[FoundationTruth]:
 def simulated_truths(tower: "SimulatedTower") -> Iterator[FoundationTruth]:
     """Yield the true stiffness of a simulated turbine.
 
-    At the beginning, and where it has changed.
+    At the beginning, at the instant of each event, and where it has changed in TRUTH_PERIOD.
     """
     before: FoundationTruth | None = None
     settings = tower.settings
-    for number in range(math.ceil(settings.duration / TRUTH_PERIOD)):
-        since = number * TRUTH_PERIOD
+    looks = {n * TRUTH_PERIOD for n in range(math.ceil(settings.duration / TRUTH_PERIOD))}
+    events = {event.at for event in tower.schedule.foundation.events}
+    for since in sorted(looks | {at for at in events if 0 < at < settings.duration}):
         springs = tower.truth_at(since)
         truth = FoundationTruth(
             tower.layout.turbine,

@@ -63,18 +63,34 @@ class Sea:
     """C_D [-], a rough cylinder."""
 
     def __post_init__(self) -> None:
-        require_not_negative("sea significant_wave_height", self.significant_wave_height, "m")
-        require_positive("sea peak_period", self.peak_period, "s")
+        require_sea_state("sea", self.significant_wave_height, self.peak_period)
         require_not_negative("sea inertia_coefficient", self.inertia_coefficient, "")
         require_not_negative("sea drag_coefficient", self.drag_coefficient, "")
-        if not 1.0 / self.peak_period < self.highest_frequency:
-            raise LoadError(
-                f"sea peak_period is {self.peak_period:g} s; the spectrum ends at "
-                f"{self.highest_frequency:g} Hz, so it must be longer than "
-                f"{1.0 / self.highest_frequency:.3g} s"
-            )
         if self.spreading is not None and not self.spreading > 0:
             raise LoadError(f"sea spreading is {self.spreading:g}; s must be positive")
+
+
+def require_sea_state(what: str, height: float | None, period: float | None) -> None:
+    """Raise LoadError for a sea that cannot be; what is None is not stated.
+
+    Parameters
+    ----------
+    what : str
+        Whose sea it is, for the message.
+    height, period : float or None
+        Significant wave height [m] and peak period [s].
+    """
+    if height is not None:
+        require_not_negative(f"{what} significant_wave_height", height, "m")
+    if period is None:
+        return
+    require_positive(f"{what} peak_period", period, "s")
+    if not 1.0 / period < Sea.highest_frequency:
+        raise LoadError(
+            f"{what} peak_period is {period:g} s; the spectrum ends at "
+            f"{Sea.highest_frequency:g} Hz, so it must be longer than "
+            f"{1.0 / Sea.highest_frequency:.3g} s"
+        )
 
 
 @dataclass(frozen=True, slots=True)

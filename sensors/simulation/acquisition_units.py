@@ -10,6 +10,7 @@ from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.key_parts import named_key_part_error
 from sensors.acquisition.layout import SensorLayout
 from sensors.acquisition.resampling import HALF_LENGTH, interpolated
+from sensors.arrays import FloatArray
 from sensors.errors import InputError
 
 
@@ -42,8 +43,22 @@ class UnitSettings:
             wrong = "a name without + is needed, which joins the names of units"
         if wrong:
             raise UnitError(f"unit name is {self.name!r}: {wrong}")
+        if not self.elevations:
+            raise UnitError(f"unit {self.name}: elevations is []; it reads at least one height")
         if not self.start >= 0:
             raise UnitError(f"unit {self.name}: start is {self.start:g} s; it must be 0 or more")
+
+    def times(self, numbers: NDArray[np.integer], rate: float) -> FloatArray:
+        """Return when its samples are taken, since the session's first [s].
+
+        Parameters
+        ----------
+        numbers : ndarray of int, shape (n,)
+            Of the samples, from 0 at the unit's first.
+        rate : float
+            Nominal sampling rate [Hz].
+        """
+        return self.start + numbers / (rate * (1 + 1e-6 * self.clock_drift))
 
 
 def unit_layouts(layout: SensorLayout, units: tuple[UnitSettings, ...]) -> tuple[SensorLayout, ...]:
@@ -52,11 +67,19 @@ def unit_layouts(layout: SensorLayout, units: tuple[UnitSettings, ...]) -> tuple
     Raises
     ------
     UnitError
-        If a height is read by no unit, or by more than one.
+        If a height is read by no unit, or by more than one, or has no sensor.
     """
     if not units:
         return (layout,)
-    for elevation in sorted({channel.elevation for channel in layout.channels}):
+    heights = sorted({channel.elevation for channel in layout.channels})
+    for unit in units:
+        for elevation in unit.elevations:
+            if elevation not in heights:
+                raise UnitError(
+                    f"unit {unit.name}: elevations has {elevation:g} m, where no sensor is; there "
+                    f"are sensors at {', '.join(f'{height:g}' for height in heights)} m"
+                )
+    for elevation in heights:
         readers = [unit.name for unit in units if elevation in unit.elevations]
         if len(readers) != 1:
             raise UnitError(
@@ -122,7 +145,7 @@ class _Reader:
         while True:
             first = self._sequence * self._size
             numbers = first + np.arange(self._size)
-            times = unit.start + numbers / (rate * (1 + 1e-6 * unit.clock_drift))
+            times = unit.times(numbers, rate)
             positions = times * rate - self._held_from
             if positions[-1] > len(held) - 1 - margin:
                 break
@@ -137,5 +160,5 @@ class _Reader:
                 samples=interpolated(held.astype(np.float64), positions).astype(np.float32),
             )
             self._sequence += 1
-        unneeded = max(0, int(positions[0]) - 2 * HALF_LENGTH)
+        unneeded = min(len(held), max(0, int(positions[0]) - 2 * HALF_LENGTH))
         self._held, self._held_from = held[unneeded:], self._held_from + unneeded

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import SensorLayout
 from sensors.errors import InputError
+from sensors.simulation.acquisition_units import UnitSettings
 
 FaultKind = Literal[
     "dead",  # the channel reads 0
@@ -57,7 +58,7 @@ class Fault:
     kind: FaultKind
     """What goes wrong, e.g. "dead", "clipped", "swapped", "dropped", "clock-drift"."""
     start: float
-    """Start since the first sample [s]."""
+    """Start since the session's first sample, of every unit alike [s]."""
 
     duration: float
     """Duration [s]."""
@@ -66,7 +67,7 @@ class Fault:
     """Name in the layout, where the fault is a channel's."""
 
     other: str = ""
-    """The other channel, where two are concerned."""
+    """The other channel, of the same unit, where two are concerned."""
 
     size: float = 0.0
     """Unit by kind, see `FaultKind`."""
@@ -96,6 +97,7 @@ def with_faults(
     blocks: Iterable[AccelerationBlock],
     faults: tuple[Fault, ...],
     layouts: Sequence[SensorLayout],
+    units: Sequence[UnitSettings] = (),
     *,
     rng: np.random.Generator,
 ) -> Iterator[AccelerationBlock]:
@@ -106,51 +108,50 @@ def with_faults(
     blocks : iterable of AccelerationBlock
         Without faults.
     faults : tuple of Fault
-        Of channels and units.
+        Of channels and units that the layouts have, see `require_known`.
     layouts : sequence of SensorLayout
         Of the units, one each.
+    units : sequence of UnitSettings, optional
+        When each unit takes its samples; those of a single one are the session's.
     rng : numpy.random.Generator
         Each unit draws from its own child where there are several.
 
     Yields
     ------
     AccelerationBlock
-
-    Raises
-    ------
-    FaultError
-        For a channel or a unit that no layout has.
     """
-    channels = {layout.unit: layout.channel_names for layout in layouts}
-    _require_known(faults, channels)
     own_rngs = rng.spawn(len(layouts)) if len(layouts) > 1 else [rng]
-    units = {
+    settings = {unit.name: unit for unit in units}
+    faulty = {
         layout.unit: FaultyUnit(
             tuple(fault for fault in faults if _concerns(fault, layout)),
             layout.channel_names,
+            settings.get(layout.unit),
             rng=own_rng,
         )
         for layout, own_rng in zip(layouts, own_rngs, strict=True)
     }
     for block in blocks:
-        yield from units[block.unit].push(block)
-    for unit in units.values():
+        yield from faulty[block.unit].push(block)
+    for unit in faulty.values():
         yield from unit.finish()
 
 
-def _require_known(faults: tuple[Fault, ...], channels: dict[str, tuple[str, ...]]) -> None:
-    known = [name for names in channels.values() for name in names]
+def require_known(faults: tuple[Fault, ...], layouts: Sequence[SensorLayout]) -> None:
+    """Raise FaultError for a channel or a unit that no layout has, or channels of two units."""
+    unit_of = {name: layout.unit for layout in layouts for name in layout.channel_names}
+    units = [layout.unit for layout in layouts]
     for fault in faults:
+        where = f"fault {fault.kind!r} at {fault.start:g} s"
         for name in (fault.channel, fault.other):
-            if name and name not in known:
-                raise FaultError(
-                    f"fault {fault.kind!r} at {fault.start:g} s: no channel {name!r}; "
-                    f"there are {', '.join(known)}"
-                )
-        if fault.unit and fault.unit not in channels:
+            if name and name not in unit_of:
+                raise FaultError(f"{where}: no channel {name!r}; there are {', '.join(unit_of)}")
+        if fault.unit and fault.unit not in units:
+            raise FaultError(f"{where}: no unit {fault.unit!r}; there are {', '.join(units)}")
+        if fault.other and unit_of[fault.channel] != unit_of[fault.other]:
             raise FaultError(
-                f"fault {fault.kind!r} at {fault.start:g} s: no unit {fault.unit!r}; "
-                f"there are {', '.join(channels)}"
+                f"{where}: channel {fault.channel!r} is of unit {unit_of[fault.channel]!r}, other "
+                f"{fault.other!r} of {unit_of[fault.other]!r}; both are of one unit"
             )
 
 
@@ -169,6 +170,8 @@ class FaultyUnit:
         Faults of this unit.
     channel_names : tuple[str, ...]
         Channel names of its layout.
+    unit : UnitSettings, optional
+        When it takes its samples; None: as the session does.
     rng : numpy.random.Generator
         Rng of what is random in a fault.
     """
@@ -177,10 +180,12 @@ class FaultyUnit:
         self,
         faults: tuple[Fault, ...],
         channel_names: tuple[str, ...],
+        unit: UnitSettings | None = None,
         *,
         rng: np.random.Generator,
     ) -> None:
         self._faults = faults
+        self._unit = unit
         self._index = {name: number for number, name in enumerate(channel_names)}
         self._rng = rng
         self._held: dict[Fault, np.float32] = {}  # value of a stuck channel
@@ -188,20 +193,23 @@ class FaultyUnit:
 
     def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock]:
         """Return what arrives by the time the next block of the session (in order) is measured."""
-        return self._link.push(self._measured(block))
+        instants = _instants(block, self._unit)
+        return self._link.push(self._measured(block, instants), begin=float(instants[1]))
 
     def finish(self) -> Iterator[AccelerationBlock]:
         """Return what is still on its way."""
         return self._link.finish()
 
-    def _measured(self, block: AccelerationBlock) -> AccelerationBlock:
-        """Return the block with what goes wrong inside the unit."""
-        present = [fault for fault in self._faults if _touches(fault, block)]
+    def _measured(
+        self, block: AccelerationBlock, instants: NDArray[np.float64]
+    ) -> AccelerationBlock:
+        """Return the block with what goes wrong inside the unit; instants as from `_instants`."""
+        times = instants[1:]
+        end = times[0] + block.duration
+        present = [fault for fault in self._faults if fault.start < end and times[0] < fault.end]
         if not present:
             return block
         samples = block.samples.copy()
-        instants = _instants(block)
-        times = instants[1:]
         status, stamp = block.status, 0.0
         for fault in present:
             inside = (times >= fault.start) & (times < fault.end)
@@ -245,14 +253,12 @@ class FaultyUnit:
                 own[inside] += drift.astype(np.float32)
 
 
-def _instants(block: AccelerationBlock) -> NDArray[np.float64]:
+def _instants(block: AccelerationBlock, unit: UnitSettings | None) -> NDArray[np.float64]:
     """Return times of the sample before the block and of its own, since the session's first [s]."""
-    return (block.first_sample + np.arange(-1, len(block.samples))) / block.sampling_rate
-
-
-def _touches(fault: Fault, block: AccelerationBlock) -> bool:
-    begin = block.first_sample / block.sampling_rate
-    return fault.start < begin + block.duration and begin < fault.end
+    numbers = block.first_sample + np.arange(-1, len(block.samples))
+    if unit is None:
+        return numbers / block.sampling_rate
+    return unit.times(numbers, block.sampling_rate)
 
 
 def _once_every(period: float, times: NDArray[np.float64], fault: Fault) -> NDArray[np.bool_]:
@@ -276,9 +282,8 @@ class FaultyLink:
         # arrival [s], order, copy
         self._waiting: list[tuple[float, int, int, AccelerationBlock]] = []
 
-    def push(self, block: AccelerationBlock) -> Iterator[AccelerationBlock]:
-        """Yield the blocks that arrive by the end of this one."""
-        begin = block.first_sample / block.sampling_rate
+    def push(self, block: AccelerationBlock, *, begin: float) -> Iterator[AccelerationBlock]:
+        """Yield the blocks that arrive by the end of this one, which begins at `begin` [s]."""
         for copy, arrival in enumerate(_arrivals(block, begin, self._faults)):
             heapq.heappush(self._waiting, (arrival, self._count, copy, block))
         self._count += 1

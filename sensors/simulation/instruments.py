@@ -29,8 +29,8 @@ class Decimator:
     def __init__(self, factor: int, n_channels: int) -> None:
         self._factor = factor
         self._taps = anti_alias_taps(factor)
-        self._half = len(self._taps) // 2
-        self._pending = np.zeros((self._half, n_channels))
+        self.delay = len(self._taps) // 2  # of the outputs [inputs]
+        self._pending = np.zeros((self.delay, n_channels))
 
     def advance(self, samples: FloatArray) -> FloatArray:
         """Outputs that these inputs complete.
@@ -56,7 +56,7 @@ class Decimator:
 
     def gain(self, frequencies: FloatArray, input_rate: float) -> FloatArray:
         """Amplitude gain before folding, (n_frequencies,) [-]; the phase is zero."""
-        lags = np.arange(-self._half, self._half + 1) / input_rate
+        lags = np.arange(-self.delay, self.delay + 1) / input_rate
         return np.cos(2.0 * np.pi * np.multiply.outer(frequencies, lags)) @ self._taps
 
 

@@ -15,6 +15,7 @@ from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.errors import InputError
 from sensors.loads.operating_states import OperatingState, SteadyState, steady_state
+from sensors.loads.waves import require_sea_state
 from sensors.settings import NO_KEY
 
 
@@ -36,25 +37,26 @@ class ScheduleStep:
     state: OperatingState | None = None
     """"parked", "idling", "start", "operating" or "stop"."""
     wind_speed: float | None = None
-    """Mean wind at the hub [m/s]."""
+    """Mean wind at the hub [m/s]; needs `[simulation.wind]`."""
 
     significant_wave_height: float | None = None
-    """Significant wave height [m]."""
+    """Significant wave height [m]; needs `[simulation.sea]`."""
 
     peak_period: float | None = None
-    """Peak period [s]."""
+    """Peak period [s]; needs `[simulation.sea]`."""
 
     yaw: float | None = None
     """Yaw of the nacelle, from tower axis x towards y [deg]. It turns straight from one step's
     number to the next one's: from 350 to 370 through north, from 350 to 10 the long way."""
 
     def __post_init__(self) -> None:
-        for name in ("wind_speed", "peak_period"):
-            value = getattr(self, name)
-            if value is not None and not value > 0:
-                raise ScheduleError(
-                    f"stage at {self.at:g} s: {name} is {value:g}; it must be positive"
-                )
+        if self.wind_speed is not None and not self.wind_speed > 0:
+            raise ScheduleError(
+                f"stage at {self.at:g} s: wind_speed is {self.wind_speed:g}; it must be positive"
+            )
+        require_sea_state(
+            f"stage at {self.at:g} s:", self.significant_wave_height, self.peak_period
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,7 +59,7 @@ class SimulationSettings:
     """Sampling rate [Hz]."""
 
     block_duration: float = field(default=1.0, metadata=NO_KEY)
-    """Block duration [s]."""
+    """Block duration [s], as near to it as a whole number of samples is."""
 
     noise_share: float = 0.03
     """White noise as a share of each channel's rms by linear theory [-]."""
@@ -102,15 +102,17 @@ class SimulationSettings:
                 raise SimulationError(f"{name} is {getattr(self, name):g}; it must be 0 or more")
         if self.seed < 0:
             raise SimulationError(f"seed is {self.seed}; it must be 0 or more")
-        if abs(self.block_duration * self.sampling_rate - self.samples_per_block) > 1e-6:
-            raise SimulationError(
-                f"block_duration is {self.block_duration:g} s; at {self.sampling_rate:g} Hz it "
-                "must hold a whole number of samples"
-            )
         if self.tube_refinement < 1:
             raise SimulationError(
                 f"tube_refinement is {self.tube_refinement}; it must be 1 or more"
             )
+
+        names = [unit.name for unit in self.units]
+        for name in names:
+            if names.count(name) > 1:
+                raise SimulationError(
+                    f"units has {names.count(name)} called {name!r}; each has a name of its own"
+                )
 
         turning = [step for step in self.stages if step.state not in (None, "parked")]
         if turning and self.wind is None:
@@ -118,6 +120,23 @@ class SimulationSettings:
                 f"the stage at {turning[0].at:g} s is {turning[0].state!r}; a rotor that turns "
                 "needs [simulation.wind]"
             )
+        self._require_loads_of_stages()
+
+    def _require_loads_of_stages(self) -> None:
+        """Raise SimulationError for weather of a stage that no load would make."""
+        needed = {
+            "wind_speed": ("wind", self.wind),
+            "significant_wave_height": ("sea", self.sea),
+            "peak_period": ("sea", self.sea),
+        }
+        for step in self.stages:
+            for name, (section, load) in needed.items():
+                value = getattr(step, name)
+                if value is not None and load is None:
+                    raise SimulationError(
+                        f"the stage at {step.at:g} s has {name} {value:g}, which needs "
+                        f"[simulation.{section}]"
+                    )
 
     @property
     def samples_per_block(self) -> int:

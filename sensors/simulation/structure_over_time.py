@@ -1,5 +1,6 @@
 """The simulated structure over time: foundation, water, pitch and air change it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -125,12 +126,11 @@ class ChangingStructure:
         if system is not response.system:
             response.change(system)
 
-    def mudline_motion(self, response: DampedResponse) -> float:
-        """Root mean square of the mudline's motion over the response's last chunk [m]."""
+    def mudline(self, response: DampedResponse) -> FloatArray:
+        """Return the mudline's displacement over the response's last steps, (2, n_steps) [m]."""
         rows = np.zeros((2, self.model.n_dofs))
         rows[[0, 1], self.model.spring_dofs[:, 0]] = 1.0
-        motion = response.displacements(rows)
-        return float(np.sqrt(np.sum(np.var(motion, axis=1))))
+        return response.displacements(rows)
 
     def _condition(self, time: float, motion: float) -> _Condition:
         schedule = self._schedule
@@ -167,3 +167,15 @@ class ChangingStructure:
             if condition.slope > 0:
                 dampers = dampers + rotor_damping(model, condition.slope)
         return damped_system(model, modes, observed, dampers)
+
+
+def rms_motion(parts: Sequence[FloatArray]) -> float:
+    """Return the root mean square of a motion about its mean, both directions together [m].
+
+    Parameters
+    ----------
+    parts : sequence of ndarray, each of shape (2, n_steps)
+        Displacements that follow one another [m].
+    """
+    motion = np.concatenate(parts, axis=1)
+    return float(np.sqrt(np.sum(np.var(motion, axis=1))))

@@ -1,5 +1,6 @@
 """SimulatedTower: loads → response → noisy blocks, as one acquisition unit would send them."""
 
+import math
 from collections import deque
 from collections.abc import Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +20,7 @@ from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.simulated_modes import StructureModes
 from sensors.loads import RandomStream, generator
 from sensors.simulation.acquisition_units import read_by_units, unit_layouts
-from sensors.simulation.faults import with_faults
+from sensors.simulation.faults import require_known, with_faults
 from sensors.simulation.instruments import Decimator, MountedAxes, quantise
 from sensors.simulation.loads_over_time import build_loads, build_schedule, true_springs
 from sensors.simulation.schedule import scada_samples
@@ -28,7 +29,7 @@ from sensors.simulation.settings import (
     SimulationError,
     SimulationSettings,
 )
-from sensors.simulation.structure_over_time import ChangingStructure
+from sensors.simulation.structure_over_time import ChangingStructure, rms_motion
 from sensors.structure.description import TurbineDescription, load_turbine
 from sensors.structure.foundation import FoundationSprings
 
@@ -43,6 +44,7 @@ __all__ = [
 
 SPECTRUM_CHUNK = 256  # frequencies at a time, to stay in the processor's cache
 CHUNK_DURATION = 60.0  # [s] integrated at a time; fixed, so that the blocks do not change it
+ON_A_STEP = 1e-9  # distance from a step of the integration that counts as none [steps]
 CHUNKS_AHEAD = 8  # of each load: a wind or a sea is drawn ten chunks at once meanwhile
 
 
@@ -55,6 +57,11 @@ class SimulatedTower:
     linear theory gives each channel at the beginning, not of the record's: it does not depend on
     the seed. The same settings give the same samples whatever the block size and `chunks_ahead`,
     the minutes of each load that are drawn ahead; memory is flat in the duration.
+
+    Raises
+    ------
+    SimulationError, UnitError, FaultError
+        For settings that do not fit the structure or the layout.
     """
 
     def __init__(
@@ -69,6 +76,7 @@ class SimulatedTower:
         self._chunks_ahead = chunks_ahead
         self.settings = settings = settings or SimulationSettings()
         self.layouts = unit_layouts(layout, settings.units)  # of each acquisition unit
+        require_known(settings.faults, self.layouts)
         self._springs = true_springs(description, settings.stiffness_ratios)
         if settings.structure:
             differing = load_turbine(settings.structure)
@@ -112,20 +120,14 @@ class SimulatedTower:
         return self._structure.at(0.0)
 
     def messages(self) -> Iterator[AccelerationBlock | ScadaSample]:
-        """Blocks as the link brings them, and SCADA samples, each before the block that it is of.
-
-        Raises
-        ------
-        FaultError
-            For a fault on a channel that the layout has not.
-        """
+        """Blocks as the link brings them, and SCADA samples, each before the block it is of."""
         settings = self.settings
         blocks: Iterator[AccelerationBlock] = iter(self)
         if settings.units:
             blocks = read_by_units(blocks, self.layout, settings.units)
         if settings.faults:
             rng = generator(settings.seed, RandomStream.FAULTS)
-            blocks = with_faults(blocks, settings.faults, self.layouts, rng=rng)
+            blocks = with_faults(blocks, settings.faults, self.layouts, settings.units, rng=rng)
         if settings.scada_period == 0:
             return blocks
         samples = scada_samples(
@@ -195,16 +197,37 @@ class SimulatedTower:
         response = self.response()
         decimator = Decimator(self.settings.decimation, response.n_channels)
         chunk = round(CHUNK_DURATION * self._rate)
-        time, motion = -self.settings.transient, 0.0
-        # one chunk more, for the decimator's delay
-        n_chunks = None if duration is None else int(duration // CHUNK_DURATION) + 2
-        for forces in self._forces(chunk, n_chunks):
+        later = math.ceil((decimator.delay + self.settings.decimation) / chunk)
+        n_chunks = None if duration is None else int(duration * self._rate // chunk) + 1 + later
+        motion = 0.0
+        for number, forces in enumerate(self._forces(chunk, n_chunks)):
             if isinstance(response, DampedResponse):
-                self._structure.update(response, time, motion)
-            yield decimator.advance(response.advance(forces))
-            time += CHUNK_DURATION
-            if isinstance(response, DampedResponse) and self.schedule.foundation.softening:
-                motion = self._structure.mudline_motion(response)
+                time = number * chunk / self._rate - self.settings.transient
+                readings, motion = self._advance(response, forces, time, motion)
+            else:
+                readings = response.advance(forces)
+            yield decimator.advance(readings)
+
+    def _advance(
+        self, response: DampedResponse, forces: FloatArray, time: float, motion: float
+    ) -> tuple[FloatArray, float]:
+        """Return the readings of a chunk from a time [s] on, and the mudline's motion, rms [m].
+
+        The structure goes with the time at the chunk's beginning, and at each sudden change of the
+        foundation during it.
+        """
+        begins = {0: time}
+        for event in sorted(self.schedule.foundation.events, key=lambda each: each.at):
+            step = math.ceil((event.at - time) * self._rate - ON_A_STEP)
+            if 0 <= step < len(forces):
+                begins[step] = max(event.at, begins.get(step, time))
+        readings, mudline = [], []
+        for part, instant in zip(np.split(forces, list(begins)[1:]), begins.values(), strict=True):
+            self._structure.update(response, instant, motion)
+            readings.append(response.advance(part))
+            if self.schedule.foundation.softening:
+                mudline.append(self._structure.mudline(response))
+        return np.concatenate(readings), rms_motion(mudline) if mudline else 0.0
 
     def _forces(self, chunk: int, n_chunks: int | None) -> Iterator[FloatArray]:
         """Yield the forces of all loads, (chunk, n_series) each; a thread makes each load."""

@@ -64,6 +64,18 @@ def test_the_sign_of_k12_is_the_scenarios_where_it_says_one() -> None:
         ("colour = 1\n", "unknown key 'colour'"),
         ("text = 'x'\n", "unknown key 'text'"),
         ("[turbine]\nid = 'a/b'\n", r"\[turbine\]: id is 'a/b'"),
+        ("[sensors]\nunit = 'to/wer'\n", r"\[sensors\]: unit is 'to/wer'; a name without spaces"),
+        ("[sensors]\nelevations = []\n", r"\[sensors\]: elevations is \[\]; .* at least one"),
+        ("[farm]\nmembers = [{ unit = 'a b' }]\n", r"\[farm.*\]: unit is 'a b'; a name without"),
+        (
+            "[simulation]\nunits = [{ name = 'a', elevations = [] }]\n",
+            r"unit a: elevations is \[\]",
+        ),
+        (
+            "[simulation]\nunits = [{ name = 'a', elevations = [41.0] },"
+            " { name = 'a', elevations = [80.0] }]\n",
+            r"\[simulation\]: units has 2 called 'a'; each has a name of its own",
+        ),
         ("[oma]\nhop = 900\n", r"\[oma\].*hop is 900 s, longer than window_duration"),
         ("[simulation]\nduration = -1\n", r"\[simulation\]: duration is -1; it must be positive"),
         ("[updating.sampler]\nwalkers = 3\n", r"\[updating.sampler\]: walkers is 3"),

@@ -250,6 +250,11 @@ def simulate(
 ) -> Measurement:
     """Simulate a scenario's turbine and what its accelerometers measure.
 
+    It is what `read` gives of a recording of the scenario: samples in order of their stamps, blocks
+    that were not sent as gaps in `stamps`, several acquisition units side by side on one clock and
+    NaN where one of them has no samples. Of units that start within 5 s of each other the record
+    begins with the last.
+
     Parameters
     ----------
     scenario : str
@@ -267,26 +272,25 @@ def simulate(
     Raises
     ------
     InputError
-        If there is no such scenario.
+        If there is no such scenario, or if no block of it arrives.
     """
-    from pipeline.scenario import load_scenario, with_overrides
+    from pipeline.offline.measured_file import channels_of_messages
+    from pipeline.scenario import farm_members, load_scenario, with_overrides
     from pipeline.sources.sources import simulated
-    from sensors.acquisition.blocks import AccelerationBlock
 
-    source = simulated(with_overrides(load_scenario(scenario), duration=duration, seed=seed))
-    turbine = source.layout.turbine
-    blocks = [
-        message
-        for message in source.messages()
-        if isinstance(message, AccelerationBlock) and message.turbine == turbine
-    ]
+    chosen = with_overrides(load_scenario(scenario), duration=duration, seed=seed)
+    first = farm_members(chosen)[0]
+    table = channels_of_messages(simulated(first).messages(), f"scenario {scenario}").table
+    places = {channel.name: channel for channel in first.layout.channels}
     return Measurement(
-        samples=np.concatenate([block.samples for block in blocks]).astype(np.float64),
-        sampling_rate=blocks[0].sampling_rate,
-        channels=source.layout.channel_names,
-        units=tuple(channel.unit for channel in source.layout.channels),
-        start_ns=blocks[0].start_ns,
-        layout=source.layout,
+        samples=table.samples,
+        sampling_rate=first.simulation.sampling_rate,
+        channels=table.names,
+        units=table.units,
+        start_ns=table.start_ns,
+        layout=replace(first.layout, channels=tuple(places[name] for name in table.names)),
+        rotor_speed=table.rotor_speed,
+        stamps=table.times,
     )
 
 

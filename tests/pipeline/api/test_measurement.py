@@ -1,15 +1,16 @@
 """A measurement of the library: times, parts, tables, by hand."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from pilewatch._own_packages import require_own_packages
-from pilewatch.measurement import Measurement, measurement_of
+from pilewatch.errors import InputError
+from pilewatch.measurement import Measurement, measurement_of, simulate
 
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
-from sensors.errors import InputError
 
 SAMPLES = np.arange(10.0).reshape(5, 2)
 BARE = Measurement(SAMPLES, 2.0, ("a", "b"), ("g", ""))
@@ -192,3 +193,59 @@ def test_a_folder_that_hides_the_packages_is_refused_and_one_beside_them_is_not(
     else:
         with pytest.raises(ImportError, match=r"other hides pilewatch's own package 'pipeline'"):
             require_own_packages()
+
+
+SHORT = """
+[turbine]
+id = "t1"
+
+[simulation]
+duration = 12.0
+transient = 2.0
+"""
+UNEQUAL = [
+    '{ name = "lower", elevations = [41.0] }',
+    '{ name = "upper", elevations = [80.0, 106.0, 145.0], start = 6.0 }',
+]
+
+
+def simulated(folder: Path, *more: str) -> Measurement:
+    file = folder / "short.toml"
+    file.write_text(SHORT + "\n".join(more))
+    return simulate(str(file))
+
+
+def test_simulated_units_of_different_channels_stand_side_by_side(tmp_path: Path) -> None:
+    """Each sample is the tower's of that instant; before a unit starts there is none of it."""
+    whole = simulated(tmp_path)
+    joined = simulated(tmp_path, f"units = [{', '.join(UNEQUAL)}]")
+    assert len(joined.channels) == joined.samples.shape[1] == 8
+    assert joined.layout is not None
+    assert joined.layout.channel_names == joined.channels
+    assert list(joined.times) == pytest.approx(list(whole.times))
+    columns = [whole.channels.index(name) for name in joined.channels]
+    expected = whole.samples[:, columns]
+    expected[: 6 * 40, [not name.startswith("z41-") for name in joined.channels]] = np.nan
+    np.testing.assert_array_equal(joined.samples, expected)
+
+
+def test_simulated_blocks_stand_where_their_stamps_are_and_missing_ones_are_a_gap(
+    tmp_path: Path,
+) -> None:
+    faults = (
+        '{ kind = "dropped", start = 3.0, duration = 3.0 }',
+        '{ kind = "repeated", start = 7.0, duration = 2.0 }',
+        '{ kind = "out-of-order", start = 9.0, duration = 3.0 }',
+    )
+    whole = simulated(tmp_path)
+    faulty = simulated(tmp_path, f"faults = [{', '.join(faults)}]")
+    (rows,) = np.nonzero(np.isin(np.round(whole.times * 40), np.round(faulty.times * 40)))
+    assert len(rows) == len(faulty.samples) < len(whole.samples)
+    assert np.diff(faulty.times).min() == pytest.approx(0.025)
+    assert np.diff(faulty.times).max() == pytest.approx(3.025)
+    np.testing.assert_array_equal(faulty.samples, whole.samples[rows])
+
+
+def test_a_simulation_of_which_no_block_arrives_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"short.toml holds no acceleration blocks"):
+        simulated(tmp_path, 'faults = [{ kind = "dropped", start = 0.0, duration = 60.0 }]')

@@ -14,6 +14,7 @@ from pipeline.sources.ground_truth import (
     with_truths,
 )
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.simulation.schedule import FoundationSchedule, Schedule, StiffnessEvent
 from sensors.structure.foundation import FoundationSprings
 from tests.pipeline.example_messages import LAYOUT, block
 
@@ -29,6 +30,7 @@ def test_a_truth_is_given_at_the_beginning_and_at_the_first_look_after_a_change(
     tower = SimpleNamespace(
         settings=SimpleNamespace(duration=20 * TRUTH_PERIOD, start_ns=START_NS),
         layout=SimpleNamespace(turbine="t1"),
+        schedule=Schedule(),
         truth_at=truth_at,
     )
     found = [
@@ -39,6 +41,23 @@ def test_a_truth_is_given_at_the_beginning_and_at_the_first_look_after_a_change(
     if changes_at is not None:
         expected.append([TRUTH_PERIOD * np.ceil(changes_at / TRUTH_PERIOD), 0.8])
     assert np.array(found) == pytest.approx(np.array(expected))
+
+
+def test_a_truth_is_given_at_the_instant_of_an_event_within_the_session() -> None:
+    events = tuple(StiffnessEvent(at, (1.0, 0.9, 1.0)) for at in (650.0, -60.0, 1800.0))
+    schedule = Schedule(foundation=FoundationSchedule(events=events))
+
+    def truth_at(time: float) -> FoundationSprings:
+        return FoundationSprings(1e10, 8e11 * schedule.stiffness_factors(time)[1], 6e10)
+
+    tower = SimpleNamespace(
+        settings=SimpleNamespace(duration=1800.0, start_ns=START_NS),
+        layout=SimpleNamespace(turbine="t1"),
+        schedule=schedule,
+        truth_at=truth_at,
+    )
+    found = [((each.time_ns - START_NS) / 1e9, each.k22 / 8e11) for each in simulated_truths(tower)]
+    assert np.array(found) == pytest.approx(np.array([(0.0, 0.9), (650.0, 0.81)]))
 
 
 def test_a_truth_comes_before_the_first_block_that_lies_behind_it() -> None:

@@ -7,7 +7,12 @@ import pytest
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
-from sensors.simulation.acquisition_units import UnitSettings, read_by_units
+from sensors.simulation.acquisition_units import (
+    UnitError,
+    UnitSettings,
+    read_by_units,
+    unit_layouts,
+)
 
 LAYOUT = SensorLayout(
     "two",
@@ -64,3 +69,33 @@ def test_a_converter_that_is_fast_takes_more_samples_of_the_same_time(drift: flo
     inner = slice(5, -5)
     first = np.array([each.samples[0, 0] for each in read])
     assert first[inner] == pytest.approx(np.sin(2 * np.pi * slow * taken)[inner], abs=2e-3)
+
+
+@pytest.mark.parametrize("start", [0.0, 2.0, 3.0, 30.0])
+def test_a_unit_that_starts_later_has_the_towers_samples_of_its_stamps(start: float) -> None:
+    """Up to the session's end and none beyond it, wherever the unit starts."""
+    tower = np.random.default_rng(5).standard_normal((20 * 60, 2)).astype(np.float32)
+    blocks = [
+        replace(
+            FIRST,
+            sequence=k,
+            first_sample=20 * k,
+            start_ns=FIRST.start_ns + k * NANOSECONDS,
+            samples=tower[20 * k : 20 * (k + 1)],
+        )
+        for k in range(60)
+    ]
+    units = (UnitSettings("early", (20.0,)), UnitSettings("later", (60.0,), start=start))
+    read = [each for each in read_by_units(blocks, LAYOUT, units) if each.unit == "later"]
+    stamps = [(each.start_ns - FIRST.start_ns) / NANOSECONDS for each in read]
+    assert stamps == pytest.approx(np.arange(start, 60.0))
+    samples = np.concatenate([each.samples[:, 0] for each in read])
+    np.testing.assert_array_equal(samples, tower[round(20 * start) :, 1])
+
+
+def test_a_unit_without_a_height_or_with_one_where_no_sensor_is_is_refused() -> None:
+    with pytest.raises(UnitError, match=r"unit low: elevations is \[\]; it reads at least one"):
+        UnitSettings("low", ())
+    line = "unit low: elevations has 21 m, where no sensor is; there are sensors at 20, 60 m"
+    with pytest.raises(UnitError, match=line):
+        unit_layouts(LAYOUT, (UnitSettings("low", (20.0, 21.0)), UnitSettings("high", (60.0,))))

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import Accelerometer, SensorLayout
-from sensors.simulation.faults import Fault, FaultError, with_faults
+from sensors.simulation.acquisition_units import UnitSettings
+from sensors.simulation.faults import Fault, FaultError, require_known, with_faults
 
 NAMES = ("a", "b", "c")
 LAYOUT = SensorLayout("l", "t", "u", tuple(Accelerometer(n, 0.0, (1.0, 0.0, 0.0)) for n in NAMES))
@@ -151,7 +152,21 @@ def test_a_fault_that_cannot_be_is_refused(wrong: dict[str, object], message: st
 
 def test_a_fault_on_a_channel_that_is_not_there_is_refused() -> None:
     with pytest.raises(FaultError, match=r"no channel 'z9'; there are a, b, c"):
-        arrived(replace(faulty("dead", channel="a"), channel="z9"))
+        require_known((faulty("dead", channel="z9"),), [LAYOUT])
+    with pytest.raises(FaultError, match=r"no unit 'v'; there are u"):
+        require_known((faulty("dropped", unit="v"),), [LAYOUT])
+
+
+@pytest.mark.parametrize("kind", ["swapped", "duplicate"])
+def test_channels_of_two_units_do_not_meet_in_a_fault(kind: str) -> None:
+    low, high = (
+        replace(LAYOUT, unit=unit, channels=channels)
+        for unit, channels in (("low", LAYOUT.channels[:2]), ("high", LAYOUT.channels[2:]))
+    )
+    require_known((faulty(kind, channel="a", other="b"),), [low, high])
+    line = "channel 'a' is of unit 'low', other 'c' of 'high'; both are of one unit"
+    with pytest.raises(FaultError, match=line):
+        require_known((faulty(kind, channel="a", other="c"),), [low, high])
 
 
 def test_a_spike_comes_once_a_minute_and_adds_its_size() -> None:
@@ -161,3 +176,20 @@ def test_a_spike_comes_once_a_minute_and_adds_its_size() -> None:
     off = samples_of(list(spoilt)) - samples_of(blocks)
     assert (np.flatnonzero(off[:, 1]) / RATE).tolist() == [3.0, 63.0, 123.0]
     assert off[off != 0] == pytest.approx([9.0] * 3, rel=1e-6)
+
+
+@pytest.mark.parametrize("drift", [0.0, 50_000.0])
+def test_a_fault_comes_to_all_units_at_one_time_whenever_they_start(drift: float) -> None:
+    """Times count from the session's first sample, not from the unit's own."""
+    unit = UnitSettings("u", (0.0,), start=2.0, clock_drift=drift)
+    faults = (faulty("dead", channel="b"), Fault("dropped", start=8.0, duration=2.0))
+    rng = np.random.default_rng(1)
+    blocks = list(with_faults(healthy(), faults, [LAYOUT], [unit], rng=rng))
+    times = np.concatenate(
+        [unit.times(block.first_sample + np.arange(RATE), RATE) for block in blocks]
+    )
+    dead = samples_of(blocks)[:, 1] == 0
+    np.testing.assert_array_equal(dead, (times >= 3.0) & (times < 6.0))
+    begins = times[::RATE]
+    assert not np.any((begins >= 8.0) & (begins < 10.0))
+    assert len(blocks) == 8

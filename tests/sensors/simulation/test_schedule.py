@@ -1,11 +1,12 @@
 """What changes with time: weather and operation between stages, tide, foundation."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from sensors.loads import Sea, Wind
+from sensors.loads import LoadError, Sea, Wind
 from sensors.loads.operating_states import RATED_SPEED, steady_state
 from sensors.simulation.loads_over_time import build_loads, build_schedule
 from sensors.simulation.schedule import (
@@ -103,6 +104,36 @@ def test_steps_come_in_order_of_time() -> None:
 def test_a_step_without_wind_is_refused() -> None:
     with pytest.raises(ScheduleError, match="wind_speed is 0"):
         ScheduleStep(wind_speed=0.0)
+
+
+@pytest.mark.parametrize(
+    ("weather", "line"),
+    [
+        ({"significant_wave_height": -4.0}, "height is -4 m; it must be 0 or more"),
+        ({"peak_period": 0.0}, "peak_period is 0 s; it must be positive"),
+        ({"peak_period": 1.0}, "peak_period is 1 s; .* longer than 1.67 s"),
+    ],
+)
+def test_a_step_has_the_limits_of_the_sea_itself(weather: dict[str, float], line: str) -> None:
+    for owner in (Sea, partial(ScheduleStep, 60.0)):
+        with pytest.raises(LoadError, match=line):
+            owner(**weather)
+    ScheduleStep(significant_wave_height=0.0, peak_period=1.7)
+
+
+@pytest.mark.parametrize(
+    ("weather", "section"),
+    [("wind_speed", "wind"), ("significant_wave_height", "sea"), ("peak_period", "sea")],
+)
+def test_weather_of_a_step_that_no_load_makes_is_refused(weather: str, section: str) -> None:
+    """SCADA would report a wind that nothing feels."""
+    stages = (ScheduleStep(), ScheduleStep(at=60.0, **{weather: 9.0}))
+    both = {"wind": Wind(), "sea": Sea()}
+    without = {name: load for name, load in both.items() if name != section}
+    SimulationSettings(stages=stages, **both)
+    line = rf"stage at 60 s has {weather} 9, which needs \[simulation.{section}\]"
+    with pytest.raises(SimulationError, match=line):
+        SimulationSettings(stages=stages, **without)
 
 
 def test_a_stiffness_that_is_not_positive_is_refused() -> None:

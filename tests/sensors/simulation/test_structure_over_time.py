@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from sensors.simulation.structure_over_time import ChangingStructure
+from sensors.simulation.structure_over_time import ChangingStructure, rms_motion
 
 
 @pytest.mark.parametrize("across", [0.0, 0.6, 1.0])
@@ -22,5 +22,6 @@ def test_the_mudlines_motion_is_that_of_both_directions_together(across: float) 
 
     response = cast(Any, SimpleNamespace(displacements=displacements))
     structure = cast(Any, SimpleNamespace(model=model))
-    motion = ChangingStructure.mudline_motion(structure, response)
-    assert motion == pytest.approx(np.sqrt((1 + across**2) / 2))
+    motion = ChangingStructure.mudline(structure, response)
+    expected = pytest.approx(np.sqrt((1 + across**2) / 2))
+    assert [rms_motion([motion]), rms_motion(np.split(motion, [300], axis=1))] == [expected] * 2

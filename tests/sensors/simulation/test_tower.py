@@ -15,6 +15,7 @@ from sensors.dynamics.responses.modal_response import AccelerationResponse
 from sensors.dynamics.simulated_modes import ModalDamping, observed_modes, structure_modes
 from sensors.loads import BroadbandLoad, WaveBandLoad, tower_pattern
 from sensors.simulation.instruments import Instruments
+from sensors.simulation.schedule import FoundationSchedule, StiffnessEvent
 from sensors.simulation.tower import (
     SimulatedTower,
     SimulationError,
@@ -247,7 +248,7 @@ def test_a_load_in_one_direction_moves_the_tower_in_that_direction_only() -> Non
     ("wrong", "message"),
     [
         ({"duration": 0.0}, "duration is 0"),
-        ({"block_duration": 0.99}, r"block_duration is 0.99 s; at 40 Hz"),
+        ({"block_duration": 0.0}, r"block_duration is 0; it must be positive"),
         ({"noise_share": -0.1}, "noise_share is -0.1"),
         ({"seed": -1}, "seed is -1"),
     ],
@@ -317,3 +318,31 @@ def test_axes_off_by_ninety_degrees_sense_the_other_direction() -> None:
     scale = np.abs(straight.shapes).max()
     np.testing.assert_allclose(turned.shapes[:, :4], side_side, atol=1e-9 * scale)
     np.testing.assert_allclose(turned.shapes[:, 4:], -fore_aft, atol=1e-9 * scale)
+
+
+def test_the_foundation_changes_at_the_instant_of_an_event(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In the middle of what is integrated at a time as at a beginning of it, and not before."""
+    scour = FoundationSchedule(events=(StiffnessEvent(10.0, (0.5, 0.5, 0.5)),))
+    without, changed = recorded(QUIET), recorded(replace(QUIET, foundation=scour))
+    close = 1e-5 * without.std()
+    spread = 1.3  # half length of the converter's filter [s]
+    before, after = slice(0, round((10.0 - spread) * 40)), slice(round((10.0 + spread) * 40), 800)
+    np.testing.assert_allclose(changed[before], without[before], rtol=0, atol=close)
+    assert np.abs(changed[after] - without[after]).max() > 0.1 * without.std()
+    monkeypatch.setattr("sensors.simulation.tower.CHUNK_DURATION", 15.0)  # from 5 s before 0
+    at_a_beginning = recorded(replace(QUIET, foundation=scour))
+    np.testing.assert_allclose(changed, at_a_beginning, rtol=0, atol=close)
+
+
+@pytest.mark.parametrize(("rate", "size"), [(12.5, 12), (62.5, 62), (33.3, 33), (0.5, 1)])
+def test_a_rate_without_a_whole_number_of_samples_a_second_has_blocks_of_about_one(
+    rate: float, size: int
+) -> None:
+    """At low rates the converter's filter lags by more than a minute."""
+    blocks = list(tower(replace(SHORT, sampling_rate=rate)))
+    assert [len(block.samples) for block in blocks[:-1]] == [size] * (len(blocks) - 1)
+    assert sum(len(block.samples) for block in blocks) == round(20.0 * rate)
+    begins = [(block.start_ns - blocks[0].start_ns) / NANOSECONDS for block in blocks]
+    assert begins == pytest.approx(np.arange(len(blocks)) * size / rate, abs=1e-9)
