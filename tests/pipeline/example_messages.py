@@ -1,7 +1,8 @@
 """Messages to send and record: a plain tower for flows, and every message there can be."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from pipeline.messages import (
     StreamGap,
     WindowRejected,
 )
+from pipeline.recording.writer import Recorder
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock, BlockStatus
 from sensors.acquisition.layout import Accelerometer, SensorLayout, biaxial_layout
 from sensors.acquisition.scada import ScadaSample
@@ -56,6 +58,15 @@ def block(sequence: int, *, turbine: str = "t1", unit: str = "tower") -> Acceler
         sampling_rate=SAMPLING_RATE,
         samples=(np.round(noise / ADC_STEP) * ADC_STEP).astype(np.float32),
     )
+
+
+def recorded(path: Path, messages: Iterable[Message]) -> Path:
+    """A recording of messages, by their own times."""
+    recorder = Recorder(path, metadata={}, clock=None)
+    for message in messages:
+        recorder.handle(message)
+    recorder.close()
+    return path
 
 
 def rejection(window: int, *, turbine: str = "t1") -> WindowRejected:

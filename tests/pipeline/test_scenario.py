@@ -64,9 +64,12 @@ def test_the_sign_of_k12_is_the_scenarios_where_it_says_one() -> None:
         ("colour = 1\n", "unknown key 'colour'"),
         ("text = 'x'\n", "unknown key 'text'"),
         ("[turbine]\nid = 'a/b'\n", r"\[turbine\]: id is 'a/b'"),
-        ("[sensors]\nunit = 'to/wer'\n", r"\[sensors\]: unit is 'to/wer'; a name without spaces"),
+        ("[sensors]\nunit = 'to/wer'\n", r"\[sensors\]: unit is 'to/wer': it cannot be part"),
         ("[sensors]\nelevations = []\n", r"\[sensors\]: elevations is \[\]; .* at least one"),
-        ("[farm]\nmembers = [{ unit = 'a b' }]\n", r"\[farm.*\]: unit is 'a b'; a name without"),
+        (
+            "[farm]\nmembers = [{ unit = 'a b' }]\n",
+            r"\[farm.*\]: unit is 'a b': a name without spaces",
+        ),
         (
             "[simulation]\nunits = [{ name = 'a', elevations = [] }]\n",
             r"unit a: elevations is \[\]",

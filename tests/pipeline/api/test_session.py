@@ -1,6 +1,5 @@
 """Results that a recording holds, of one of its turbines."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,22 +7,12 @@ import numpy as np
 import pilewatch as pw
 import pytest
 
-from pipeline.messages import Message
 from pipeline.recording.rotation import SESSION_FILE, part_of
-from pipeline.recording.writer import Recorder
-from tests.pipeline.example_messages import LAYOUT, block
+from tests.pipeline.example_messages import LAYOUT, block, recorded
 
 BLOCKS = [block(n) for n in range(4)]
 SAMPLES = np.concatenate([each.samples for each in BLOCKS])
 OTHER = replace(LAYOUT, turbine="t2", channels=LAYOUT.channels[:2])
-
-
-def recorded(path: Path, messages: Iterable[Message]) -> Path:
-    recorder = Recorder(path, metadata={}, clock=None)
-    for message in messages:
-        recorder.handle(message)
-    recorder.close()
-    return path
 
 
 def test_a_session_is_the_first_turbines_where_none_is_named(tmp_path: Path) -> None:

@@ -9,22 +9,13 @@ import pytest
 
 from pipeline.messages import Message
 from pipeline.offline.measured_file import measured_channels, recorded_channels
-from pipeline.recording.writer import Recorder
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import SensorLayout
 from sensors.files.table import FileError
-from tests.pipeline.example_messages import LAYOUT, block
+from tests.pipeline.example_messages import LAYOUT, block, recorded
 
 BLOCKS = [block(n) for n in range(40)]
 SAMPLES = np.concatenate([each.samples for each in BLOCKS])
-
-
-def recorded(path: Path, messages: Iterable[Message]) -> Path:
-    recorder = Recorder(path, metadata={}, clock=None)
-    for message in messages:
-        recorder.handle(message)
-    recorder.close()
-    return path
 
 
 def columns(layout: SensorLayout, chosen: list[int], **others: str) -> SensorLayout:
