@@ -31,6 +31,6 @@ def test_datagrams_that_never_come_are_counted_exactly(tmp_path: Path) -> None:
 def test_a_feed_that_is_killed_while_it_catches_up_loses_nothing_and_publishes_nothing_twice(
     tmp_path: Path,
 ) -> None:
-    outcome = killed_feed(tmp_path, kills=3, seconds=1500.0)
+    outcome = killed_feed(tmp_path, kills=2, seconds=1000.0)
     assert outcome.while_catching_up > 0
     assert (outcome.lost, outcome.twice, outcome.wrong) == (0, 0, 0)

@@ -3,6 +3,9 @@
 lock-step    block ─► identification ─► updating             one thread, no transport
 threads      source ═► identification ═► updating            ═► is Zenoh over loopback
 processes    source ═► │identification│ ═► │updating│        each in a process of its own
+
+The processes compute everything again. The threads take the answer to a window, to the bit the
+same as that of the lock-step, from there; to any other they would compute their own.
 """
 
 import json
@@ -26,14 +29,18 @@ from tests.identified_once import remembering
 
 @pytest.fixture(scope="module")
 def sessions(
-    short_recording: Path, short_session: Path, tmp_path_factory: pytest.TempPathFactory
+    short_recording: Path,
+    short_session: Path,
+    identified_answers: Path,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> dict[str, Path]:
     """The recording run in each way; the folder of each session."""
     folders = {"lock-step": short_session.parent}
     for way in set(get_args(Way)) - folders.keys():
         folders[way] = tmp_path_factory.mktemp(way)
         options = SessionOptions(out=folders[way], way=way, rrd=way == "threads")
-        run_session(replayed(short_recording), options)
+        with remembering(identified_answers):
+            run_session(replayed(short_recording), options)
     return folders
 
 
