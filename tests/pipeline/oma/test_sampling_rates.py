@@ -11,7 +11,7 @@ from sensors.structure.description import load_turbine
 from tests.benchmarks.identification import match
 from tests.tiers import and_at_night
 
-LAYOUT = biaxial_layout("l", turbine="t", unit="tower", elevations=(41.0, 80.0, 106.0, 145.0))
+LAYOUT = biaxial_layout("l", turbine="t", unit="tower", elevations=(41.0, 106.0, 145.0))
 SEED = 292003
 BENDING = (0.1573, 0.1586, 0.6298, 1.0764, 1.8163, 5.8584)  # of Table 1, for the foundation [Hz]
 
@@ -23,7 +23,7 @@ def test_a_fast_loggers_record_shows_the_towers_slow_modes(rates: list[int]) -> 
     turbine = load_turbine("iea15mw_monopile")
     truth = full_modes(turbine, LAYOUT, tube_refinement=2, highest_frequency=7.0)
     for rate in map(float, rates):
-        settings = SimulationSettings(seed=SEED, duration=600.0, sampling_rate=rate)
+        settings = SimulationSettings(seed=SEED, duration=400.0, sampling_rate=rate)
         record = np.concatenate(list(SimulatedTower(turbine, LAYOUT, settings).samples()))
         found = identify(record.astype(np.float64), rate).modes
         for frequency in BENDING:
