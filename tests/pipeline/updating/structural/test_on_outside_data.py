@@ -191,12 +191,14 @@ def test_a_structure_that_has_lost_costs_one_descent_more(monkeypatch: pytest.Mo
     first = refreshed(inference, truth_of(0), 0)
     lost = {each.name for each in first.warm_starts if each.lost}
     assert any("shear" in name for name in lost)
-    descents: list[int] = []
+    descents: list[bool] = []
     descend = JointFit._cheapest_end  # type: ignore[attr-defined]
 
-    def counted(self: JointFit, *arguments: Any, good_cost: float | None, **others: Any) -> Any:
-        descents.append(good_cost == np.inf)
-        return descend(self, *arguments, good_cost=good_cost, **others)
+    def counted(
+        self: JointFit, *arguments: Any, good_cost: float | None, sigma: float, **others: Any
+    ) -> Any:
+        descents.append(good_cost == np.inf and sigma == 0)  # not of the peak with a discrepancy
+        return descend(self, *arguments, good_cost=good_cost, sigma=sigma, **others)
 
     monkeypatch.setattr(JointFit, "_cheapest_end", counted)
     rng = np.random.default_rng(8)
