@@ -131,7 +131,7 @@ def test_the_probability_with_a_change_is_the_integral_over_it_in_closed_form():
         np.full((1, 1, 1), 1e-8),
         change=(np.array([seen]), np.array([[std**2]])),
     )
-    settings = GibbsSettings(chains=24, burn_in=60, sweeps=200, rounds=1)
+    settings = GibbsSettings(chains=12, burn_in=40, sweeps=150, rounds=1)
     drawn = pooled(StackedEvidence.of([*known, changed]), prior, np.random.default_rng(4), settings)
 
     def density(outlying: bool) -> float:

@@ -14,6 +14,7 @@ from pipeline.oma.data_quality.turning_rotor import (
 from pipeline.oma.identification import identify
 from sensors.arrays import FloatArray
 from tests.benchmarks.close_modes import bending_pair, triplet
+from tests.tiers import and_at_night
 
 RATE, DURATION = 20.0, 600.0
 SPEED = 6.5  # [rpm]
@@ -55,8 +56,9 @@ def test_harmonics_of_a_tenth_of_the_motion_say_that_a_rotor_turns(wander: float
         assert found.orders == (3, 6)
 
 
-def test_a_tower_that_shakes_at_random_has_no_rotor() -> None:
-    for seed in range(70_311, 70_319):
+@pytest.mark.parametrize("seeds", and_at_night(range(70_311, 70_315), range(70_315, 70_323)))
+def test_a_tower_that_shakes_at_random_has_no_rotor(seeds: range) -> None:
+    for seed in seeds:
         assert rotor_of(parked(seed)) is None
         assert rotor_of(triplet(seed).samples) is None
 
@@ -68,16 +70,17 @@ def test_one_line_alone_is_no_rotor() -> None:
     assert rotor_of(quiet + np.outer(line, ACROSS)) is None
 
 
-def test_a_hum_of_any_frequency_is_seldom_a_rotor() -> None:
+@pytest.mark.parametrize("seeds", and_at_night(range(72_000, 72_012), range(72_000, 72_024)))
+def test_a_hum_of_any_frequency_is_seldom_a_rotor(seeds: range) -> None:
     """Another order has as much as chance gives one of the six pairs of orders that are tried."""
     rotors = 0
-    for seed in range(72_000, 72_024):
+    for seed in seeds:
         quiet = parked(seed)
         frequency = np.random.default_rng(seed).uniform(0.3, 3.0)
         hum = np.cos(2 * np.pi * frequency * np.arange(len(quiet)) / RATE)
         found = rotor_of(quiet + 0.1 * quiet.std(axis=0).max() * np.outer(hum, ACROSS))
         rotors += found is not None
-    assert rotors <= 3
+    assert rotors <= len(seeds) // 8
 
 
 def test_a_rotor_that_idles_is_as_a_parked_one() -> None:
@@ -99,13 +102,13 @@ def test_more_channels_than_lines_beside_a_harmonic_and_a_dead_pair_are_no_obsta
 
 
 def test_a_rotor_is_told_of_in_words_with_its_speed() -> None:
-    found = identify(with_rotor(70_361, 0.1, wander=0.003), RATE)
+    found = identify(with_rotor(70_361, 0.1, wander=0.003)[:, 4:], RATE)
     (text,) = [each.text for each in found.warnings if each.code == "turning-rotor"]
     assert "Hz are harmonics of one speed: a rotor turns, at 6.5 rpm" in text
 
 
 def test_a_window_whose_speed_is_known_is_not_warned_of() -> None:
-    samples = with_rotor(70_361, 0.1, wander=0.0)
+    samples = with_rotor(70_361, 0.1, wander=0.0)[:, 4:]
     known = identify(samples, RATE, rotor_speed=np.full(len(samples), SPEED))
     assert not [each for each in known.warnings if each.code == "turning-rotor"]
     standing = identify(samples, RATE, rotor_speed=np.zeros(len(samples)))

@@ -43,9 +43,9 @@ def test_modes_alike_in_two_directions_are_pairs_of_which_the_mean_is_known() ->
     assert "twin-modes" not in [each.code for each in single.warnings]
 
 
-@pytest.mark.parametrize("seeds", and_at_night(range(300, 306), range(306, 312)))
+@pytest.mark.parametrize("seeds", and_at_night(range(300, 303), range(303, 312)))
 def test_twins_lie_as_far_from_the_truth_as_they_say(seeds: range) -> None:
-    """Six records; of seeds 100 to 139 the rms was .66 and .71 of the stated std."""
+    """Of seeds 100 to 139 the rms was .66 and .71 of the stated std."""
     apart = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -53,7 +53,7 @@ def test_twins_lie_as_far_from_the_truth_as_they_say(seeds: range) -> None:
         for one, _ in pairwise_of(identify(mast, RATE)):
             truth = min(FREQUENCIES, key=lambda f: abs(f - one.frequency))
             apart.append((one.frequency - truth) / one.frequency_std)
-    assert len(apart) >= 10
+    assert len(apart) >= 5 / 6 * 2 * len(seeds)
     assert np.sqrt(np.mean(np.square(apart))) < 1.3
     assert np.abs(apart).max() < 4
 

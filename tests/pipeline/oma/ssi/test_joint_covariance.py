@@ -117,7 +117,7 @@ def test_between_modes_it_is_the_product_of_differences(covariances) -> None:  #
     np.testing.assert_allclose(joint, expected, rtol=5e-3, atol=2e-3 * expected.max())
 
 
-@pytest.mark.parametrize("seeds", and_at_night(range(500, 520), range(520, 540)))
+@pytest.mark.parametrize("seeds", and_at_night(range(500, 510), range(510, 540)))
 def test_frequencies_of_a_window_lie_jointly_as_far_from_the_truth_as_it_says(
     two_mass_system: KnownStructure, seeds: range
 ) -> None:
@@ -137,6 +137,6 @@ def test_frequencies_of_a_window_lie_jointly_as_far_from_the_truth_as_it_says(
         distances.append(error @ np.linalg.solve(covariance, error))
         n_blocks = min(mode.n_block_columns for mode in modes)
         expected.append(2 * (n_blocks - 1) / (n_blocks - 1 - 3) if n_blocks else 2.0)
-    assert len(distances) >= 13
+    assert len(distances) >= 0.65 * len(seeds)
     bound = 3 * np.sqrt(4 / len(distances))
     assert np.mean(distances) == pytest.approx(np.mean(expected), abs=bound)

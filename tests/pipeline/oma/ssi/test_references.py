@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.app import Outputs, build
+from pipeline.messages import Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.oma.settings import OmaSettings, OmaSettingsError
@@ -24,12 +25,20 @@ RATE = 40.0  # [Hz]
 NAMES = ("foot", "lower", "middle", "upper", "top")
 
 
+@pytest.fixture(scope="module")
+def seen_by_all(cantilever: KnownStructure) -> tuple[FloatArray, tuple[Mode, ...]]:
+    """Samples, and their modes by all channels."""
+    y = cantilever.ambient_response(sampling_rate=RATE, duration=300.0, seed=31)
+    return y, identify(y, RATE, channel_names=NAMES).modes
+
+
 @pytest.mark.parametrize("references", [("top",), ("top", "lower")])
 def test_few_references_find_the_modes_of_all_within_the_joint_std(
-    cantilever: KnownStructure, references: tuple[str, ...]
+    cantilever: KnownStructure,
+    seen_by_all: tuple[FloatArray, tuple[Mode, ...]],
+    references: tuple[str, ...],
 ) -> None:
-    y = cantilever.ambient_response(sampling_rate=RATE, duration=600.0, seed=31)
-    full = identify(y, RATE, channel_names=NAMES).modes
+    y, full = seen_by_all
     settings = OmaSettings(reference_channels=references)
     reduced = identify(y, RATE, settings, channel_names=NAMES).modes
     for frequency, shape in zip(cantilever.frequencies, cantilever.shapes, strict=True):
@@ -47,14 +56,13 @@ def test_few_references_find_the_modes_of_all_within_the_joint_std(
         assert modal_assurance_criterion(other.shape[None], shape[None])[0, 0] > 0.99
 
 
-def test_all_channels_named_are_no_references_named(cantilever: KnownStructure) -> None:
-    y = cantilever.ambient_response(sampling_rate=RATE, duration=300.0, seed=32)
+def test_all_channels_named_are_no_references_named(
+    seen_by_all: tuple[FloatArray, tuple[Mode, ...]],
+) -> None:
+    y, full = seen_by_all
     settings = OmaSettings(reference_channels=NAMES)
-    for one, other in zip(
-        identify(y, RATE, settings, channel_names=NAMES).modes,
-        identify(y, RATE, channel_names=NAMES).modes,
-        strict=True,
-    ):
+    named = identify(y, RATE, settings, channel_names=NAMES).modes
+    for one, other in zip(named, full, strict=True):
         assert one.frequency == pytest.approx(other.frequency, rel=1e-10)
 
 
@@ -102,7 +110,7 @@ def test_a_session_with_an_unknown_reference_does_not_begin() -> None:
 def test_pyoma_finds_the_same_modes_with_the_same_references(cantilever: KnownStructure) -> None:
     algorithms = pytest.importorskip("pyoma2.algorithms")
     setup_of = pytest.importorskip("pyoma2.setup").SingleSetup
-    y = cantilever.ambient_response(sampling_rate=RATE, duration=600.0, seed=33)
+    y = cantilever.ambient_response(sampling_rate=RATE, duration=300.0, seed=33)
     logging.disable(logging.CRITICAL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

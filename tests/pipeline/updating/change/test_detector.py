@@ -24,14 +24,15 @@ from tests.pipeline.updating.change.streams import (
     stepped,
     window_of,
 )
+from tests.tiers import and_at_night
 
 
-def test_alarms_come_at_most_as_often_as_the_person_allowed():
-    """One in 100 windows allowed; 20 streams of 100 windows without a change."""
-    settings = ChangeSettings(years_between_false_alarms=100 * WINDOW / (365.25 * 86400))
-    alarms = sum(
-        run([STILL] * 100, seed=[2, s], settings=settings)[2] is not None for s in range(20)
-    )
+@pytest.mark.parametrize("n_windows", and_at_night([50], [100]))
+def test_alarms_come_at_most_as_often_as_the_person_allowed(n_windows):
+    """One in so many windows allowed; 20 streams of as many windows without a change."""
+    (n,) = n_windows
+    settings = ChangeSettings(years_between_false_alarms=n * WINDOW / (365.25 * 86400))
+    alarms = sum(run([STILL] * n, seed=[2, s], settings=settings)[2] is not None for s in range(20))
     # at most 1 − exp(−1) = 63 % of the streams; binomial: beyond 17 of 20 once in 100
     assert alarms <= 17
 
@@ -110,11 +111,12 @@ def drawn_change(generator):
     return False, moved * generator.choice(SHIFTS) * generator.standard_normal(len(STDS))
 
 
-def test_of_changes_called_the_foundations_with_a_probability_that_share_is_one():
-    """Of 200 changes drawn as expected beforehand, six to fifteen of 25 windows ago, those that can
-    be seen; what cannot has no most probable start either."""
+@pytest.mark.parametrize("trials", and_at_night(range(100), range(200)))
+def test_of_changes_called_the_foundations_with_a_probability_that_share_is_one(trials):
+    """Of 100 changes (by night 200) drawn as expected beforehand, six to fifteen of 25 windows ago,
+    those that can be seen; what cannot has no most probable start either."""
     detector, stated, truths = ChangeDetector(), [], []
-    for trial in range(200):
+    for trial in trials:
         generator = np.random.default_rng([12, trial])
         foundation, shift = drawn_change(generator)
         state, begun = ChangeState(), generator.integers(10, 20)

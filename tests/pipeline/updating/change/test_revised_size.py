@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pipeline.updating.change.detector import ChangeDetector, ChangeState
 from pipeline.updating.change.event_message import TrackSensitivity
@@ -13,6 +14,7 @@ from tests.pipeline.updating.change.streams import (
     level_at,
     window_of,
 )
+from tests.tiers import and_at_night
 
 NOTHING_MOVED = np.ones(3)
 SOFTENED = np.array([0.0, -0.1, 0.0])
@@ -47,11 +49,12 @@ def revised(seed, n_after, tide=1.0):
     return relative_change(earlier, step)
 
 
-def test_more_windows_make_the_size_surer_and_it_stays_right():
-    first = [revised(seed, 0, tide=0.0) for seed in range(20)]
-    later = [revised(seed, 33, tide=0.0) for seed in range(20)]
+@pytest.mark.parametrize("seeds", and_at_night(range(10), range(20)))
+def test_more_windows_make_the_size_surer_and_it_stays_right(seeds):
+    first = [revised(seed, 0, tide=0.0) for seed in seeds]
+    later = [revised(seed, 33, tide=0.0) for seed in seeds]
     assert np.mean([std[1] for _, std in later]) < 0.6 * np.mean([std[1] for _, std in first])
-    tidal = [revised(seed, 33) for seed in range(20)]
+    tidal = [revised(seed, 33) for seed in seeds]
     z = np.array([(log - np.log(1 + SOFTENED)) / std for log, std in tidal])
     assert 0.75 < np.sqrt(np.mean(z**2)) < 1.25
     assert np.abs(np.mean([log[1] for log, _ in tidal]) - np.log(0.9)) < 0.005

@@ -107,7 +107,14 @@ def test_a_structure_that_falls_over_has_no_density_at_any_sigma(likelihood):
     assert np.isneginf(values).tolist() == [True, True, False, True]
 
 
-def test_importance_tempering_and_chains_agree_with_sigma_integrated_out_or_sampled():
+@pytest.mark.parametrize(
+    "sampled",
+    [
+        pytest.param(("importance",), id="day"),
+        pytest.param(("tmcmc", "importance"), id="night", marks=pytest.mark.nightly),
+    ],
+)
+def test_importance_tempering_and_chains_agree_with_sigma_integrated_out_or_sampled(sampled):
     likelihood = likelihood_of_one_window(LikelihoodSettings(sigma_points=30))
     settings = {"tempering": TemperingSettings(samples=5000, particles=500, pilot=1000)}
     routes = {}
@@ -115,7 +122,7 @@ def test_importance_tempering_and_chains_agree_with_sigma_integrated_out_or_samp
         sampler = sampler_of(SamplingSettings(method=name, **settings), SamplerSettings())
         drawn = sampler(stiffness_target(likelihood, 3), np.random.default_rng(4))
         routes[name] = drawn.flat, drawn.log_evidence
-    for name in ("tmcmc", "importance"):
+    for name in sampled:
         sampler = sampler_of(SamplingSettings(method=name, **settings), SamplerSettings())
         drawn = sampler(joint_target(likelihood), np.random.default_rng(5))
         routes[f"{name}, σ sampled"] = drawn.flat[:, :4], drawn.log_evidence

@@ -1,5 +1,6 @@
 """The joint inference on modal data of another simulator: intervals, pairs, faults, checks."""
 
+import copy
 from dataclasses import replace
 from typing import Any
 
@@ -13,18 +14,18 @@ from pipeline.updating.settings import UpdatingSettings
 from pipeline.updating.structural import refresh
 from pipeline.updating.structural.alternatives import JointInference
 from pipeline.updating.structural.inference import joint_inference
-from pipeline.updating.structural.joint_fit import JointFit
+from pipeline.updating.structural.joint_fit import FEW_STARTS, JointFit
 from pipeline.updating.structural.joint_message import distrust
 from pipeline.updating.structural.periods.relative_change import relative_springs
 from pipeline.updating.structural.posterior import figure_errors
 from pipeline.updating.structural.refresh import JointRefresh, joint_refresh
 from pipeline.updating.structural.sensors.faults import ALL_TURNED
 from pipeline.updating.structural.sensors.figures import HEADING_STD
-from pipeline.updating.structural.settings import UNCERTAIN
+from pipeline.updating.structural.settings import CHOICES, UNCERTAIN
 from pipeline.updating.structural.water_level import at_model_level
 from pipeline.updating.updater import FoundationUpdater
 from sensors.dynamics.modal_model import ModalModel
-from sensors.structure.description import load_turbine
+from sensors.structure.description import TurbineDescription, load_turbine
 from tests.benchmarks import structural_uncertainty
 from tests.outside.figures import Figures, draw
 from tests.outside.instruments import SensorFault, instruments
@@ -37,18 +38,37 @@ SETTINGS = UpdatingSettings(structure=UNCERTAIN)
 
 @pytest.fixture(scope="module")
 def inference() -> JointInference:
-    found = joint_inference(TURBINE, LAYOUT, SETTINGS, seed=1)
-    assert found is not None
-    return found
+    return inference_with_open(*CHOICES)
 
 
 @pytest.fixture(scope="module")
 def dry_bending() -> JointInference:
     """With the blades' alternatives only: no flooded monopile, no tubes that shear. A refresh takes
     a third of the time; which structure holds, with all of them, is asked by tests of its own."""
-    one = replace(UNCERTAIN, stds=(("flooding", 0.0), ("tube_shear", 0.0)))
-    found = joint_inference(TURBINE, LAYOUT, replace(SETTINGS, structure=one), seed=1)
+    return inference_with_open("blade_model")
+
+
+@pytest.fixture(scope="module")
+def one_structure_only() -> JointInference:
+    """Blades as described as well, and a shorter search for other valleys: for what becomes of the
+    place where it ends. By night the same is asked with all of it."""
+    return inference_with_open().with_fits(shortly)
+
+
+def inference_with_open(*choices: str, turbine: TurbineDescription = TURBINE) -> JointInference:
+    """Every figure is uncertain; of the alternatives these are."""
+    exact = tuple((choice, 0.0) for choice in CHOICES if choice not in choices)
+    settings = replace(SETTINGS, structure=replace(UNCERTAIN, stds=exact))
+    found = joint_inference(turbine, LAYOUT, settings, seed=1)
     assert found is not None
+    return found
+
+
+def shortly(fit: JointFit) -> JointFit:
+    """The fit with one start after the first few instead of nine, and half of the draws."""
+    found = copy.copy(fit)
+    found.settings = replace(fit.settings, most_starts=FEW_STARTS + 1)
+    found._draws, found._drawn_modes = fit._draws[::2], {}
     return found
 
 
@@ -80,15 +100,15 @@ def refreshed(
 
 
 @pytest.fixture(scope="module")
-def one_structure(inference: JointInference) -> JointRefresh:
+def one_structure(dry_bending: JointInference) -> JointRefresh:
     """Whose description holds."""
-    return refreshed(inference, truth_of(7), 7)
+    return refreshed(dry_bending, truth_of(7), 7)
 
 
 @pytest.fixture(scope="module")
-def another_structure(inference: JointInference) -> JointRefresh:
+def another_structure(dry_bending: JointInference) -> JointRefresh:
     """With figures and springs of its own."""
-    return refreshed(inference, truth_of(0), 0)
+    return refreshed(dry_bending, truth_of(0), 0)
 
 
 def test_springs_of_a_drawn_structure_lie_within_their_interval(
@@ -98,8 +118,11 @@ def test_springs_of_a_drawn_structure_lie_within_their_interval(
 
 
 @pytest.mark.nightly
-def test_springs_of_other_drawn_structures_do_so_too(dry_bending: JointInference) -> None:
+def test_springs_of_other_drawn_structures_do_so_too(
+    inference: JointInference, dry_bending: JointInference
+) -> None:
     check_intervals({seed: refreshed(dry_bending, truth_of(seed), seed) for seed in (1, 2)})
+    check_intervals({seed: refreshed(inference, truth_of(seed), seed) for seed in (0, 7)})
 
 
 def check_intervals(found: dict[int, JointRefresh]) -> None:
@@ -112,14 +135,16 @@ def check_intervals(found: dict[int, JointRefresh]) -> None:
     assert np.sqrt(np.mean(np.square(z))) < 1.7
 
 
-def test_a_flooded_monopile_is_recognised(inference: JointInference) -> None:
+@pytest.mark.parametrize("open_too", [(), pytest.param(CHOICES, marks=pytest.mark.nightly)])
+def test_a_flooded_monopile_is_recognised(open_too: tuple[str, ...]) -> None:
+    inference = inference_with_open("flooding", *open_too)
     found = refreshed(inference, truth_of(5, Figures(flooded=True)), 5)
     assert "flooded" in found.best.alternative.name
     assert found.best.weight > 0.99
 
 
 def test_springs_of_the_other_sign_are_named(
-    dry_bending: JointInference, monkeypatch: pytest.MonkeyPatch
+    one_structure_only: JointInference, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A coupling that has left the data, so that no interval of k12 is of any use; they explain
     the sensors, so that none is looked for that is wrong."""
@@ -131,24 +156,24 @@ def test_springs_of_the_other_sign_are_named(
     monkeypatch.setattr(f"{refresh}._Attempt.calls_for_a_fault", lambda *_: True)
     monkeypatch.setattr(f"{refresh}._with_blamed_sensor", searched)
     truth = replace(truth_of(12), sign="embedded-pile")
-    found = refreshed(dry_bending, truth, 12)
+    found = refreshed(one_structure_only, truth, 12)
     (doubt,) = (each for each in distrust(found, SETTINGS.guards) if each.code == "springs-sign")
     assert 'sign = "published"' in doubt.text
     assert found.other_sign > 0.99
 
 
 @pytest.mark.parametrize(
-    "sheared",
+    ("sheared", "open_too"),
     [
-        pytest.param(False, id="only bend", marks=pytest.mark.nightly),
-        pytest.param(True, id="shear"),
+        pytest.param(False, "blade_model", id="only bend", marks=pytest.mark.nightly),
+        pytest.param(True, "blade_model", id="shear, any blades", marks=pytest.mark.nightly),
+        pytest.param(True, "", id="shear"),
     ],
 )
-def test_whether_tubes_shear_is_recognised(sheared: bool) -> None:
+def test_whether_tubes_shear_is_recognised(sheared: bool, open_too: str) -> None:
     """They are described as what they are not."""
-    dry = replace(SETTINGS, structure=replace(UNCERTAIN, stds=(("flooding", 0.0),)))
-    inference = joint_inference(TURBINE.with_shear(not sheared), LAYOUT, dry, seed=1)
-    assert inference is not None
+    described = TURBINE.with_shear(not sheared)
+    inference = inference_with_open("tube_shear", open_too, turbine=described)
     truth = truth_of(5)
     truth = replace(truth, description=replace(truth.description or averaged(), shear=sheared))
     found = refreshed(inference, truth, 5)
@@ -160,19 +185,20 @@ def test_whether_tubes_shear_is_recognised(sheared: bool) -> None:
     assert np.abs((draws.mean(axis=0) - np.log(truth.theta)) / draws.std(axis=0)).max() < 3
 
 
-def test_a_structure_that_has_lost_costs_one_descent_more(
-    inference: JointInference, another_structure: JointRefresh, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_structure_that_has_lost_costs_one_descent_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the next refresh, where another structure holds: no search for other valleys."""
-    first = another_structure
+    inference = inference_with_open("tube_shear")
+    first = refreshed(inference, truth_of(0), 0)
     lost = {each.name for each in first.warm_starts if each.lost}
     assert any("shear" in name for name in lost)
-    descents: list[int] = []
+    descents: list[bool] = []
     descend = JointFit._cheapest_end  # type: ignore[attr-defined]
 
-    def counted(self: JointFit, *arguments: Any, good_cost: float | None, **others: Any) -> Any:
-        descents.append(good_cost == np.inf)
-        return descend(self, *arguments, good_cost=good_cost, **others)
+    def counted(
+        self: JointFit, *arguments: Any, good_cost: float | None, sigma: float, **others: Any
+    ) -> Any:
+        descents.append(good_cost == np.inf and sigma == 0)  # not of the peak with a discrepancy
+        return descend(self, *arguments, good_cost=good_cost, sigma=sigma, **others)
 
     monkeypatch.setattr(JointFit, "_cheapest_end", counted)
     rng = np.random.default_rng(8)
@@ -184,8 +210,8 @@ def test_a_structure_that_has_lost_costs_one_descent_more(
     assert second.best.alternative.name == first.best.alternative.name
 
 
-def test_a_turned_sensor_is_named(dry_bending: JointInference) -> None:
-    found = refreshed(dry_bending, truth_of(6), 6, (SensorFault("turned", 80.0, 15.0),))
+def test_a_turned_sensor_is_named(one_structure_only: JointInference) -> None:
+    found = refreshed(one_structure_only, truth_of(6), 6, (SensorFault("turned", 80.0, 15.0),))
     assert found.fault is not None
     assert "sensor at 80 m is turned by 1" in found.fault.text
 
@@ -229,24 +255,29 @@ def test_a_sensor_that_no_fault_of_its_explains_is_left_out(dry_bending: JointIn
 
 
 @pytest.mark.parametrize(
-    ("seed", "angle"),
+    ("known", "seed", "angle"),
     [
-        (27, 55),
+        ("one_structure_only", 27, 55),
         *(
-            pytest.param(seed, each, marks=pytest.mark.nightly)
-            for seed, each in [(28, 12), (29, 90)]
+            pytest.param("dry_bending", seed, each, marks=pytest.mark.nightly)
+            for seed, each in [(27, 55), (28, 12), (29, 90)]
         ),
     ],
 )
 def test_sensors_that_are_all_turned_alike_are_named_and_read_so(
-    dry_bending: JointInference, seed: int, angle: int, monkeypatch: pytest.MonkeyPatch
+    request: pytest.FixtureRequest,
+    known: str,
+    seed: int,
+    angle: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As under a nacelle whose yaw nothing reports. Beyond 40° modes have no right partners; the
     springs hold all the same. The next refresh goes by the angle that is known."""
+    inference = request.getfixturevalue(known)
     heights = sorted({channel.elevation for channel in LAYOUT.channels})
     truth = truth_of(seed)
     found = refreshed(
-        dry_bending, truth, seed, tuple(SensorFault("turned", z, float(angle)) for z in heights)
+        inference, truth, seed, tuple(SensorFault("turned", z, float(angle)) for z in heights)
     )
     assert found.fault is not None
     assert found.fault.name == ALL_TURNED
@@ -258,7 +289,7 @@ def test_sensors_that_are_all_turned_alike_are_named_and_read_so(
     monkeypatch.setattr(refresh, "likely_angles", lambda *_: pytest.fail("searched again"))
     rng = np.random.default_rng(seed)
     again = joint_refresh(
-        dry_bending, found.evidence, found.warm_starts, rng, last_fault=found.fault.name
+        inference, found.evidence, found.warm_starts, rng, last_fault=found.fault.name
     )
     assert again is not None
     assert again.fault is not None
@@ -281,13 +312,23 @@ def test_a_posterior_by_frequencies_alone_is_not_trusted_where_shapes_are_others
 
 
 @pytest.mark.parametrize(
-    ("seed", "pair"), [(21, (0, 1)), pytest.param(22, (2, 4), marks=pytest.mark.nightly)]
+    ("known", "seed", "pair"),
+    [
+        ("one_structure_only", 21, (0, 1)),
+        pytest.param("dry_bending", 21, (0, 1), marks=pytest.mark.nightly),
+        pytest.param("dry_bending", 22, (2, 4), marks=pytest.mark.nightly),
+    ],
 )
 def test_two_channels_exchanged_from_the_start_are_named(
-    dry_bending: JointInference, seed: int, pair: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+    request: pytest.FixtureRequest,
+    known: str,
+    seed: int,
+    pair: tuple[int, int],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Along one direction modes keep their partners; across, most lose them. The next refresh
     goes by the fault that is known."""
+    inference = request.getfixturevalue(known)
     one, other = pair
     channels = list(LAYOUT.channels)
     names = [channels[one].name, channels[other].name]
@@ -298,7 +339,7 @@ def test_two_channels_exchanged_from_the_start_are_named(
     evidence = ModalEvidence(channels=LAYOUT.channel_names)
     for estimate in estimates(truth, 3, rng, layout=exchanged, reported_levels=[0.0] * 3):
         evidence = evidence.with_estimate(estimate)
-    found = joint_refresh(dry_bending, evidence, (), rng)
+    found = joint_refresh(inference, evidence, (), rng)
     assert found is not None
     assert found.fault is not None
     assert found.fault.text == f"channels {names[0]} and {names[1]} are exchanged"
@@ -307,9 +348,7 @@ def test_two_channels_exchanged_from_the_start_are_named(
     assert np.abs(draws.mean(axis=0) / draws.std(axis=0)).max() < 3.5
     for search in ("sensor_fault", "likely_wirings"):
         monkeypatch.setattr(refresh, search, lambda *_, **__: pytest.fail("searched again"))
-    again = joint_refresh(
-        dry_bending, evidence, found.warm_starts, rng, last_fault=found.fault.name
-    )
+    again = joint_refresh(inference, evidence, found.warm_starts, rng, last_fault=found.fault.name)
     assert again is not None
     assert again.fault is not None
     assert again.fault.text == found.fault.text
@@ -466,7 +505,8 @@ def test_a_rough_description_gives_a_wide_interval_and_says_so(
             factor = off.setdefault(key, 1 + rng.choice([-1, 1]) * rng.uniform(0.008, 0.015))
             modes.append(replace(mode, frequency=mode.frequency * factor))
         evidence = evidence.with_estimate(replace(estimate, modes=tuple(modes)))
-    found = joint_refresh(dry_bending, evidence, (), rng)
+    inference = dry_bending.with_fits(shortly)
+    found = joint_refresh(inference, evidence, (), rng)
     assert found is not None
     assert found.refusal is None
     assert found.best.fit.is_rough
@@ -482,7 +522,7 @@ def test_a_rough_description_gives_a_wide_interval_and_says_so(
     for search in ("sensor_fault", "likely_wirings"):
         monkeypatch.setattr(refresh, search, lambda *_, **__: pytest.fail("searched again"))
     again = joint_refresh(
-        dry_bending, evidence, found.warm_starts, rng, searched_windows=found.searched_windows
+        inference, evidence, found.warm_starts, rng, searched_windows=found.searched_windows
     )
     assert again is not None
     assert again.searched_windows == found.searched_windows
