@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.syntax import nodes_of, tree_of
+
 ROOT = Path(__file__).parents[1]
 MOST_MODULES = 12  # in one folder
 MOST_LOOSE = 5  # directly in pipeline/
@@ -23,15 +25,15 @@ ENTRY_POINTS = {  # run or loaded by name, imported by nothing
 
 
 @cache
-def modules() -> dict[str, ast.Module]:
-    """Syntax tree of every product module by its dotted name; a package has its folder's."""
-    trees = {}
+def modules() -> dict[str, Path]:
+    """File of every product module by its dotted name; a package has its folder's."""
+    files = {}
     for top in ("sensors", "pipeline"):
         for path in sorted((ROOT / top).rglob("*.py")):
             if "_pb2" not in path.name:
                 name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-                trees[name.removesuffix(".__init__")] = ast.parse(path.read_text("utf-8"))
-    return trees
+                files[name.removesuffix(".__init__")] = path
+    return files
 
 
 def folders() -> dict[str, list[str]]:
@@ -48,11 +50,11 @@ def folders() -> dict[str, list[str]]:
 def imports() -> dict[str, frozenset[str]]:
     """Product modules that each product module imports, at any depth of its code."""
     known = modules()
-    return {name: frozenset(_imported(tree, known)) for name, tree in known.items()}
+    return {name: frozenset(_imported(path, known)) for name, path in known.items()}
 
 
-def _imported(tree: ast.Module, known: dict[str, ast.Module]) -> Iterator[str]:
-    for node in ast.walk(tree):
+def _imported(path: Path, known: dict[str, Path]) -> Iterator[str]:
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in known)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -68,8 +70,8 @@ def _imported(tree: ast.Module, known: dict[str, ast.Module]) -> Iterator[str]:
 def definitions() -> dict[str, list[str]]:
     """Modules that define each public class or constant."""
     places: dict[str, list[str]] = defaultdict(list)
-    for name, tree in modules().items():
-        for node in () if name.startswith(FACE) else tree.body:
+    for name, path in modules().items():
+        for node in () if name.startswith(FACE) else tree_of(path).body:
             for defined in _defined(node):
                 if not defined.startswith("_") and defined != "logger":
                     places[defined].append(name)
@@ -180,8 +182,8 @@ def test_what_was_lost_and_what_was_asked_has_its_tests(name: str) -> None:
 def test_no_node_is_asked_for_what_it_may_not_have() -> None:
     asking = [
         name
-        for name, tree in modules().items()
-        for node in ast.walk(tree)
+        for name, path in modules().items()
+        for node in nodes_of(path)
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)
         and node.func.id == "getattr"
@@ -191,12 +193,12 @@ def test_no_node_is_asked_for_what_it_may_not_have() -> None:
     assert not asking
 
 
-def _commented_fields(path: Path, tree: ast.Module) -> list[str]:
+def _commented_fields(path: Path) -> list[str]:
     """Fields of a module's public dataclasses that a comment documents, where help() has none."""
     lines = path.read_text("utf-8").splitlines()
     return [
         f"{kind.name}.{field.target.id}"
-        for kind in ast.walk(tree)
+        for kind in nodes_of(path)
         if isinstance(kind, ast.ClassDef) and not kind.name.startswith("_")
         if any("dataclass" in ast.unparse(each) for each in kind.decorator_list)
         for field in kind.body
@@ -208,17 +210,17 @@ def _commented_fields(path: Path, tree: ast.Module) -> list[str]:
 
 def test_fields_of_public_dataclasses_are_documented_by_docstrings() -> None:
     found = {
-        name: _commented_fields(path, tree)
-        for name, tree in modules().items()
-        if (path := ROOT.joinpath(*name.split(".")).with_suffix(".py")).is_file()
+        name: _commented_fields(path)
+        for name, path in modules().items()
+        if path.name != "__init__.py"
     }
     assert len(found) > 400
     assert {name: fields for name, fields in found.items() if fields} == {}
 
 
-def _documented(tree: ast.Module) -> Iterator[tuple[str, str, ast.arguments]]:
+def _documented(path: Path) -> Iterator[tuple[str, str, ast.arguments]]:
     """Name, docstring and parameters of public functions and classes; a class has __init__'s."""
-    for each in ast.walk(tree):
+    for each in nodes_of(path):
         if isinstance(each, (ast.FunctionDef, ast.AsyncFunctionDef)):
             if not each.name.startswith("_") or each.name == "__init__":
                 yield each.name, ast.get_docstring(each) or "", each.args
@@ -228,16 +230,16 @@ def _documented(tree: ast.Module) -> Iterator[tuple[str, str, ast.arguments]]:
                     yield each.name, ast.get_docstring(each) or "", made.args
 
 
-def _tables(tree: ast.Module) -> list[str]:
+def _tables(path: Path) -> list[str]:
     """Names of those whose docstring lists a parameter as `name   text`."""
     return [
         name
-        for name, text, arguments in _documented(tree)
+        for name, text, arguments in _documented(path)
         for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)
         if re.search(rf"^\s*{each.arg}(, \w+)*\s{{2,}}\S", text, re.MULTILINE)
     ]
 
 
 def test_parameters_of_public_functions_are_listed_as_numpydoc() -> None:
-    listed = {name: found for name, tree in modules().items() if (found := _tables(tree))}
+    listed = {name: found for name, path in modules().items() if (found := _tables(path))}
     assert listed == {}

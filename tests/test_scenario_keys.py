@@ -15,6 +15,7 @@ import pytest
 from pipeline.scenario import Scenario, shipped_scenarios
 from sensors.errors import InputError
 from sensors.settings import key_fields, settings_type
+from tests.syntax import nodes_of
 
 TESTS = Path(__file__).parent
 MOST_KEYS = 120
@@ -57,7 +58,7 @@ def turned_keys() -> frozenset[str]:
     replaced: set[str] = set()
     passed: set[str] = set()  # keywords of any call, perhaps a helper that builds the settings
     for file in set(TESTS.rglob("*.py")) - {Path(__file__)}:
-        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        for node in nodes_of(file):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 texts.append(node.value)
             elif isinstance(node, ast.Call):

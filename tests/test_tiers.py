@@ -40,23 +40,46 @@ def suite(pytester: pytest.Pytester) -> pytest.Pytester:
     return pytester
 
 
-def run(suite: pytest.Pytester, *options: str) -> tuple[dict[str, int], list[str]]:
+@pytest.fixture(scope="module")
+def days() -> list[pytest.RunResult]:
+    """What a day printed, once it has run: several tests ask for it."""
+    return []
+
+
+@pytest.fixture
+def day(suite: pytest.Pytester, days: list[pytest.RunResult]) -> pytest.RunResult:
+    """A day without options."""
+    if not days:
+        days.append(ran(suite))
+    return days[0]
+
+
+def ran(suite: pytest.Pytester, *options: str) -> pytest.RunResult:
+    return suite.runpytest_subprocess("-v", "-p", "no:cacheprovider", "-p", "no:xdist", *options)
+
+
+def told(result: pytest.RunResult) -> tuple[dict[str, int], list[str]]:
     """Outcomes, and the order in which the tests ran."""
-    result = suite.runpytest_subprocess("-v", "-p", "no:cacheprovider", "-p", "no:xdist", *options)
-    text = result.stdout.str()
-    return result.parseoutcomes(), re.findall(r"::(test_\w+) (?:PASSED|SKIPPED)", text)
+    order = re.findall(r"::(test_\w+) (?:PASSED|SKIPPED)", result.stdout.str())
+    return result.parseoutcomes(), order
 
 
-def test_a_day_runs_everything_but_the_nightly_tests(suite: pytest.Pytester) -> None:
-    outcomes, order = run(suite)
+def run(suite: pytest.Pytester, *options: str) -> tuple[dict[str, int], list[str]]:
+    return told(ran(suite, *options))
+
+
+def test_a_day_runs_everything_but_the_nightly_tests(day: pytest.RunResult) -> None:
+    outcomes, order = told(day)
     assert outcomes == {"passed": 6, "skipped": 1, "deselected": 1}
     assert order[:4] == ["test_one", "test_two", "test_three", "test_four"]
 
 
-def test_a_day_runs_the_same_in_the_order_that_a_seed_asks_for(suite: pytest.Pytester) -> None:
+def test_a_day_runs_the_same_in_the_order_that_a_seed_asks_for(
+    suite: pytest.Pytester, day: pytest.RunResult
+) -> None:
     outcomes, mixed = run(suite, "--order-seed", "1")
     assert outcomes == {"passed": 6, "skipped": 1, "deselected": 1}
-    _, plain = run(suite)
+    _, plain = told(day)
     assert mixed != plain
     assert sorted(mixed) == sorted(plain)
 
@@ -70,9 +93,8 @@ def test_a_night_runs_all_in_an_order_of_its_seed(suite: pytest.Pytester) -> Non
     assert sorted(one) == sorted(other)
 
 
-def test_what_could_not_be_run_is_listed_with_what_helps(suite: pytest.Pytester) -> None:
-    result = suite.runpytest_subprocess("-p", "no:cacheprovider")
-    result.stdout.fnmatch_lines(
+def test_what_could_not_be_run_is_listed_with_what_helps(day: pytest.RunResult) -> None:
+    day.stdout.fnmatch_lines(
         [
             "*not run on this machine*",
             "1 tests were skipped that a complete machine runs:",

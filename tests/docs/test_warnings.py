@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.oma.windows import block_admission
+from tests.syntax import nodes_of, tree_of
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "pages" / "reference" / "warnings.md"
@@ -14,17 +15,17 @@ CODE = re.compile(r"[a-z]+(?:-[a-z]+)*")
 BY_TEXT = {"no-paired-mode", "mode-birth", "mode-death", "mode-drift"}  # made otherwise
 
 
-def constants_of(source: str) -> Iterator[tuple[str, str]]:
+def constants_of(path: Path) -> Iterator[tuple[str, str]]:
     """Names and texts of a module's constants."""
-    for node in ast.parse(source).body:
+    for node in tree_of(path).body:
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant):
             names = (each.id for each in node.targets if isinstance(each, ast.Name))
             yield from ((name, node.value.value) for name in names if name.isupper())
 
 
-def codes_of(source: str, constants: dict[str, str]) -> Iterator[str]:
+def codes_of(path: Path, constants: dict[str, str]) -> Iterator[str]:
     """Codes that are written, or named, where a warning or a rejection is made."""
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes_of(path):
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") in MAKERS:
             arguments = (*node.args[:2], *(each.value for each in node.keywords))
             texts = (each.value for each in arguments if isinstance(each, ast.Constant))
@@ -36,7 +37,7 @@ def codes_of(source: str, constants: dict[str, str]) -> Iterator[str]:
 
 def test_every_code_is_on_the_page_and_no_other() -> None:
     sources = [
-        path.read_text("utf-8")
+        path
         for folder in ("pipeline", "sensors")
         for path in (ROOT / folder).rglob("*.py")
         if "api" not in path.parts

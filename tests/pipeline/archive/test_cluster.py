@@ -20,34 +20,62 @@ from pipeline.archive.cluster import (
     local_workers,
 )
 from pipeline.archive.reprocessing import reprocessed
-from pipeline.archive.work import Call, Failed, Workers
+from pipeline.archive.work import Call, Failed, ThisProcess, Workers
 from sensors.errors import InputError
+from tests.conftest import SHORT_SCENARIO
 from tests.pipeline.archive.archives import tables_of
 from tests.pipeline.archive.calls import killed_always, killed_once, refused, squared
 
 TABLES = {"modes", "mode_shapes", "posterior", "pairs"}
+ONE_STRUCTURE = 'blade_model = "exact"\ntube_shear = "exact"\n'
 
 
 @pytest.fixture(scope="module")
-def two_workers() -> Iterator[Workers]:
+def two_processes() -> Iterator[Workers]:
+    """As the command starts them: each imports everything again."""
     with local_workers(2) as workers:
         yield workers
 
 
+@pytest.fixture(scope="module")
+def forked_workers() -> Iterator[None]:
+    """A process that has imported everything gives those that die a quick successor.
+
+    Of which kind a worker's process is does not matter to what becomes of its calls.
+    """
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        yield
+
+
+@pytest.fixture(scope="module")
+def two_workers(forked_workers: None) -> Iterator[Workers]:
+    with local_workers(2) as workers:
+        yield workers
+
+
+@pytest.mark.usefixtures("identified_before")  # here; the workers know nothing of it
 def test_two_processes_give_the_bits_of_one(
-    two_workers: Workers, archive: list[Path], results: Path, tmp_path: Path
+    two_processes: Workers, archive: list[Path], tmp_path: Path
 ) -> None:
-    reprocessed(archive, tmp_path, two_workers)
+    """Each window, each pass and each posterior; one structure takes every step of several."""
+    scenario = tmp_path / "one.toml"
+    scenario.write_text(SHORT_SCENARIO + ONE_STRUCTURE, encoding="utf-8")
+    one, two = tmp_path / "one", tmp_path / "two"
 
-    assert {path.split("/")[0] for path in tables_of(results)} >= TABLES
-    assert tables_of(tmp_path) == tables_of(results)
+    reprocessed(archive, one, ThisProcess(), scenario=str(scenario))
+    reprocessed(archive, two, two_processes, scenario=str(scenario))
+
+    assert {path.split("/")[0] for path in tables_of(one)} >= TABLES
+    assert tables_of(two) == tables_of(one)
 
 
-def test_a_worker_that_is_killed_costs_only_its_task(two_workers: Workers, tmp_path: Path) -> None:
+def test_a_worker_that_is_killed_costs_only_its_task(
+    two_processes: Workers, tmp_path: Path
+) -> None:
     calls = [Call(f"square-{n}", squared, n) for n in range(8)]
     calls.insert(3, Call("fatal once", killed_once, tmp_path / "marker"))
 
-    found = {each.call.key: each.result for each in two_workers.outcomes(calls)}
+    found = {each.call.key: each.result for each in two_processes.outcomes(calls)}
 
     assert found.pop("fatal once") == "done"
     assert found == {f"square-{n}": n * n for n in range(8)}
@@ -103,6 +131,7 @@ def test_calls_are_pulled_only_when_there_is_room(two_workers: Workers) -> None:
     assert len(list(outcomes)) == 49
 
 
+@pytest.mark.usefixtures("forked_workers")
 def test_a_worker_that_nobody_restarts_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     """One that dies while it starts takes its guard with it."""
     monkeypatch.setattr(cluster, "QUIET_WORKERS", 0.5)
@@ -116,6 +145,7 @@ def test_a_worker_that_nobody_restarts_is_replaced(monkeypatch: pytest.MonkeyPat
     assert outcome.result == 25
 
 
+@pytest.mark.usefixtures("forked_workers")
 def test_a_worker_that_is_forgotten_while_it_starts_again_is_replaced(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -300,11 +300,11 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ),
     (
         "identify noise.csv --highest-frequency 0.01",
-        "--highest-frequency is 0.01 Hz: nothing can be identified below 0.0504 Hz in 120 s at 50",
+        "--highest-frequency is 0.01 Hz: nothing can be identified below 0.208 Hz in 30 s at 50 Hz",
     ),
     (
         "identify noise.csv --lowest-frequency 24.9",
-        "--lowest-frequency is 24.9 Hz: nothing can be identified above 22.5 Hz in 120 s at 50 Hz",
+        "--lowest-frequency is 24.9 Hz: nothing can be identified above 22.5 Hz in 30 s at 50 Hz",
     ),
     ("export short.mcap --csv -o noise.csv", "-o noise.csv: File exists; a folder is needed"),
     ("show empty", "the folder empty holds no recording"),
@@ -386,17 +386,18 @@ density = 8500.0
 def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> Path:
     """Files with which mistakes are made."""
     place = tmp_path_factory.mktemp("mistakes")
-    noise = np.random.default_rng(3).standard_normal((6000, 2))
+    long_noise = np.random.default_rng(3).standard_normal((3000, 2))
+    noise = long_noise[:1500]
     for name, samples in (
         ("noise", noise),
-        ("nan", np.full((6000, 2), np.nan)),
-        ("constant", np.ones((6000, 2))),
+        ("nan", np.full((1500, 2), np.nan)),
+        ("constant", np.ones((1500, 2))),
         ("brief", noise[:40]),
     ):
         table = np.column_stack([np.arange(len(samples)) / 50.0, samples])
         header = "time [s],low [g],high [g]"
         np.savetxt(place / f"{name}.csv", table, delimiter=",", header=header, comments="")
-    wind = np.column_stack([np.arange(6000) / 50.0, 9.0 + noise[:, 0]])
+    wind = np.column_stack([np.arange(1500) / 50.0, 9.0 + noise[:, 0]])
     np.savetxt(place / "wind.csv", wind, delimiter=",", header="time [s],Wind [m/s]", comments="")
     means = np.column_stack([np.arange(500) * 600.0, noise[:500]])
     np.savetxt(
@@ -430,7 +431,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, short_recording: Path) -> P
     (place / "ragged.csv").write_text("\n".join(["time [s],low,high", *rows]))
     clock = np.arange(3000) / 50.0
     clock[1500:] -= 40.0  # set anew in the middle
-    table = np.column_stack([clock, noise[:3000]])
+    table = np.column_stack([clock, long_noise])
     header = "time [s],low [g],high [g]"
     np.savetxt(place / "back.csv", table, delimiter=",", header=header, comments="")
     (place / "german.toml").write_text(LAYOUT.format(second="high").replace("40.0", "40,5"))

@@ -47,6 +47,9 @@ highest_frequency = 4.0
 [updating.pairing]
 search_draws = 100
 refined = 2
+[updating.sampling.importance]
+effective_draws = 100
+draws = 400
 [turbine]
 id = "tower"
 """

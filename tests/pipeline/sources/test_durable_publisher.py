@@ -24,7 +24,7 @@ from tests.pipeline.example_messages import START_NS, block
 from tests.pipeline.power_cut import Disk, power_cut
 
 TICK = 0.25  # [s]
-DAY_BLOCKS = 7200  # two hours in the suite; the benchmark has the whole day
+HALF_HOUR, TWO_HOURS = 1800, 7200  # blocks, by day and at night; the benchmark has the whole day
 
 
 class Link:
@@ -228,17 +228,20 @@ def test_a_unit_that_was_killed_sends_again_what_was_not_acknowledged(tmp_path: 
     assert set(range(1, 100)) <= trial.recorded()
 
 
-def test_a_day_without_a_link_and_a_power_cut_on_either_side_lose_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("cut", [HALF_HOUR, pytest.param(TWO_HOURS, marks=pytest.mark.nightly)])
+def test_a_day_without_a_link_and_a_power_cut_on_either_side_lose_nothing(
+    cut: int, tmp_path: Path
+) -> None:
     """A day at speed; blocks are small."""
     trial = Trial(tmp_path)
     with power_cut(tmp_path) as disk:
         trial.run(20.0)
         trial.link.is_up = False
-        trial.run(DAY_BLOCKS, speed=40)
+        trial.run(cut, speed=40)
         trial.publisher.tend()
         trial.cut_power_everywhere(disk)
         trial.link.is_up = True
-        trial.run(60.0 + DAY_BLOCKS / 40)
+        trial.run(60.0 + cut / 40)
     missing = set(trial.published) - trial.recorded()
     assert not trial.link.acknowledged & missing
     late = {n for n, when in trial.published.items() if trial.now - when < 2.0}
