@@ -8,7 +8,6 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,6 @@ from pipeline.run.options import SessionOptions
 from pipeline.run.run import run_session
 from pipeline.scenario import Scenario, scenario_from_text
 from pipeline.sources.sources import record_simulation, replayed, simulated
-from sensors.files import formats
 
 # As every way of running the graph does: small matrices are faster on one thread.
 threadpool_limits(limits=1)
@@ -48,17 +46,6 @@ def pytest_collection() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def installed_once() -> Iterator[None]:
-    """Readers that are installed stay the same in a run, and every file that is read asks for them.
-
-    It takes as long as there are packages in the environment: 17 ms a file here.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(formats, "entry_points", cache(formats.entry_points))
-        yield
 
 
 SHORT_SCENARIO = """

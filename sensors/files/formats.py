@@ -10,6 +10,7 @@ sep005-io-… have it.
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
@@ -192,7 +193,7 @@ def constant_channels(
 def _channels(path: Path, reader: str | None) -> list[Sep005Channel] | None:
     """Return the channels of a file that is not read in chunks."""
     suffix = path.suffix.lower().removeprefix(".")
-    entries = [each for each in entry_points(group=GROUP) if each.name == suffix]
+    entries = [each for each in _installed_readers() if each.name == suffix]
     if reader is not None:
         entries = [EntryPoint("--reader", reader, GROUP)]
     if entries:
@@ -202,6 +203,13 @@ def _channels(path: Path, reader: str | None) -> list[Sep005Channel] | None:
             f"{path} holds {OWN_FILES[suffix]}; a file of measurements is needed (CSV, MATLAB, …)"
         )
     return CHANNEL_READERS[suffix](path) if suffix in CHANNEL_READERS else None
+
+
+@cache
+def _installed_readers() -> tuple[EntryPoint, ...]:
+    """Return the readers of other packages, listed once: every package is looked at for them,
+    which takes longer than reading a small file."""
+    return tuple(entry_points(group=GROUP))
 
 
 def _by_entry(entry: EntryPoint, path: Path) -> list[Sep005Channel]:

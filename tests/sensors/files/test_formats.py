@@ -129,11 +129,16 @@ def test_a_reader_of_another_package_plugs_in(
         "def broken(path):\n"
         "    raise KeyError('header')\n"
     )
+    package = tmp_path / "sep005_io_mine-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: sep005-io-mine\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text(
+        "[pilewatch.files]\nmine = sep005_io_mine:read_mine\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(formats, "_installed_readers", formats._installed_readers.__wrapped__)
     path = tmp_path / "measured.mine"
     path.write_bytes(b"\x07")
-    entry = formats.EntryPoint("mine", "sep005_io_mine:read_mine", formats.GROUP)
-    monkeypatch.setattr(formats, "entry_points", lambda group: [entry])
     table = read_file(path)
     assert table.names == ("top",)
     assert table.units == ("m/s²",)
