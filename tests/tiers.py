@@ -15,7 +15,7 @@ import os
 import random
 import sys
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -70,10 +70,11 @@ def pytest_configure(config: pytest.Config) -> None:
 _TIMES = pytest.StashKey[dict[str, float]]()
 
 
-def and_at_night(day: Sequence[int], night: Sequence[int]) -> list[Any]:
-    """Return seeds for `pytest.mark.parametrize`: a study's short form by day, others at night.
+def and_at_night(day: object, night: object) -> list[Any]:
+    """Return two values for `pytest.mark.parametrize`, seeds or how many: a study's short form by
+    day; its other half, or all of it, at night.
 
-    What holds for each half is asked of it, so that a night asks no less than one study of both.
+    What holds for each is asked of it, so that a night asks no less than one study of both.
     """
     return [pytest.param(day, id="day"), pytest.param(night, id="night", marks=pytest.mark.nightly)]
 

@@ -22,18 +22,16 @@ from tests.benchmarks.close_modes import (
 from tests.tiers import and_at_night
 
 
-@pytest.mark.parametrize(
-    "seeds", and_at_night((60_003, 60_004), (60_001, 60_002, *range(60_005, 60_009)))
-)
-def test_two_first_bending_modes_are_two_and_no_phantom_is_left(seeds: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("seeds", and_at_night(range(60_001, 60_005), range(60_005, 60_009)))
+def test_two_first_bending_modes_are_two_and_no_phantom_is_left(seeds: range) -> None:
     found = hidden_figures(bending_pair, seeds)
-    assert found["phantoms"] + found["wrong_shapes"] + found["wrong_frequencies"] <= len(seeds) // 4
+    assert found["phantoms"] + found["wrong_shapes"] + found["wrong_frequencies"] <= 1
     assert found["all_found"] >= 0.75
     assert found["within_2_std"] >= 0.8
 
 
-@pytest.mark.parametrize("seeds", and_at_night((60_002, 60_003), (60_001, *range(60_004, 60_009))))
-def test_overlapping_modes_with_shapes_apart_are_both_found(seeds: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("seeds", and_at_night(range(60_001, 60_005), range(60_005, 60_009)))
+def test_overlapping_modes_with_shapes_apart_are_both_found(seeds: range) -> None:
     found = hidden_figures(lambda seed: pair(seed, 0.015), seeds)
     assert found["all_found"] >= 0.75
 
@@ -49,7 +47,7 @@ def test_the_benchmark_tells_phantoms_from_modes_of_a_wrong_shape_or_frequency()
     assert left_over([mode], []) == (0, 0, 1)
 
 
-@pytest.mark.parametrize("seeds", and_at_night((60_033,), (60_001, 60_002, 60_039)))
+@pytest.mark.parametrize("seeds", and_at_night((60_001, 60_033), (60_002, 60_039)))
 def test_triplets_are_not_lost_without_a_word(seeds: tuple[int, ...]) -> None:
     """Of 60033 and 60039 the poles agree upon nothing, which they call unstable."""
     for seed in seeds:
@@ -104,7 +102,7 @@ def test_poles_stay_where_nothing_that_the_lines_suggest_is_sure(
     monkeypatch.setattr(close_modes, "_plausible_addition", lambda *arguments: False)
     monkeypatch.setattr(close_modes, "UNRESOLVED", np.inf)
     record = pair(60_001, 0.3)
-    assert identify(record.samples[:3000], record.sampling_rate).modes
+    assert identify(record.samples, record.sampling_rate).modes
 
 
 @pytest.mark.parametrize("seeds", and_at_night(range(60_001, 60_002), range(60_002, 60_004)))

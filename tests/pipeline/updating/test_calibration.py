@@ -47,9 +47,9 @@ def test_the_truth_ranks_anywhere_among_the_draws_of_its_posterior():
     assert found.uniformity.min() > 0.01
 
 
-@pytest.mark.parametrize("n_streams", and_at_night([5], [10]))
+@pytest.mark.parametrize("n_streams", and_at_night(5, 10))
 def test_modes_that_are_missing_spoilt_or_invented_are_hardly_ever_paired_wrongly(n_streams):
-    counts = pairing_counts(*n_streams, first_seed=403)
+    counts = pairing_counts(n_streams, first_seed=403)
     assert counts.wrong_share <= 0.01
     assert counts.paired["clean"] > 0.98 * counts.identified["clean"]
     assert counts.paired["spurious"] < 0.1 * counts.identified["spurious"]
