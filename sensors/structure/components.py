@@ -5,6 +5,7 @@ Each checks its own figures; what it says of a wrong one names the part and the 
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from sensors.arrays import FloatArray
 from sensors.structure.foundation import TurbineError
 
 Vector = tuple[float, float, float]
+PartT = TypeVar("PartT", "Tube", "BladeElement")
 
 TOUCHING = 1e-6  # two elevations closer than this are the same [m]
 
@@ -105,6 +107,17 @@ class Tube:
     def mass_per_length(self) -> float:
         """Mass per length with what the tube carries [kg/m]."""
         return self.density * self.area + self.attached_mass
+
+    def extended(self, other: "Tube") -> "Tube":
+        """Return this tube as long as both together; what the other weighs more is attached."""
+        both = self.length + other.length
+        more = other.length * (other.mass_per_length - self.density * self.area)
+        return replace(
+            self,
+            bottom=min(self.bottom, other.bottom),
+            top=max(self.top, other.top),
+            attached_mass=max(0.0, (self.length * self.attached_mass + more) / both),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +281,16 @@ class BladeElement:
         """Length of the element [m]."""
         return self.outer - self.inner
 
+    def extended(self, other: "BladeElement") -> "BladeElement":
+        """Return this element as long as both together and as heavy."""
+        mass = self.length * self.mass_per_length + other.length * other.mass_per_length
+        return replace(
+            self,
+            inner=min(self.inner, other.inner),
+            outer=max(self.outer, other.outer),
+            mass_per_length=mass / (self.length + other.length),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Blades:
@@ -311,6 +334,31 @@ class Blades:
     def is_twisted(self) -> bool:
         """Whether flapwise and edgewise bending are coupled."""
         return any(part.twist for part in self.elements)
+
+
+def without_short(parts: tuple[PartT, ...], shortest: float) -> tuple[PartT, ...]:
+    """Return tubes or elements of a blade with those joined to a neighbour that are too short.
+
+    A step in a wall is often written as a tube of a millimetre, and a taper as hundreds of short
+    ones. Two that are joined have the section of the longer one.
+
+    Parameters
+    ----------
+    parts : tuple of Tube or BladeElement
+        One after the other.
+    shortest : float
+        Length that none of several stays under [m].
+    """
+    left = list(parts)
+    while len(left) > 1:
+        lengths = [part.length for part in left]
+        i = int(np.argmin(lengths))
+        if lengths[i] >= shortest:
+            break
+        beside = min({max(i - 1, 0), min(i + 1, len(left) - 1)} - {i}, key=lengths.__getitem__)
+        first = min(i, beside)
+        left[first : first + 2] = [left[beside].extended(left[i])]
+    return tuple(left)
 
 
 def check_positive(where: str, key: str, value: float) -> None:

@@ -28,6 +28,7 @@ from sensors.structure.components import (
     check_contiguous,
     check_not_negative,
     check_positive,
+    without_short,
 )
 from sensors.structure.foundation import FoundationSprings, SpringSign, TurbineError
 
@@ -35,6 +36,8 @@ Direction = Literal["FA", "SS"]
 
 SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
 LONGEST_ELEMENT = 1 / 12  # of the tower: the first ten frequencies of a mast are then exact to .2 %
+# Of the tower or the blade: 12 EI/L³ of a shorter one rounds off what the rest is held by.
+SHORTEST_ELEMENT = 1 / 2000
 WIDEST_TUBE = 50.0  # tube that a tower or its foundation may have [m]
 SLENDERNESS = 20.0  # height over diameter of the mast drawn [-]
 
@@ -147,11 +150,18 @@ class TurbineDescription:
         return replace(self, tubes=tuple(part for tube in self.tubes for part in _cut(tube, times)))
 
     def meshed(self) -> "TurbineDescription":
-        """Return the same turbine with the tubes cut that are too long to be one element each."""
-        longest = LONGEST_ELEMENT * (self.tower_top - self.mudline)
-        times = [math.ceil(tube.length / longest - 1e-9) for tube in self.tubes]
-        cut = zip(self.tubes, times, strict=True)
-        return replace(self, tubes=tuple(part for tube, n in cut for part in _cut(tube, n)))
+        """Return the same turbine with elements of useful lengths: too long tubes are cut, too
+        short tubes and stretches of a blade go to a neighbour."""
+        height = self.tower_top - self.mudline
+        tubes = without_short(self.tubes, SHORTEST_ELEMENT * height)
+        times = [math.ceil(tube.length / (LONGEST_ELEMENT * height) - 1e-9) for tube in tubes]
+        cut = zip(tubes, times, strict=True)
+        blades = self.blades
+        if blades is not None:
+            shortest = SHORTEST_ELEMENT * blades.elements[-1].outer
+            blades = replace(blades, elements=without_short(blades.elements, shortest))
+        tubes = tuple(part for tube, n in cut for part in _cut(tube, n))
+        return replace(self, tubes=tubes, blades=blades)
 
 
 def load_turbine(name_or_path: str | Path) -> TurbineDescription:

@@ -9,8 +9,9 @@ import pytest
 from scipy.linalg import eigh
 
 from sensors.structure.assembly import assemble
-from sensors.structure.components import PointMass, Water
+from sensors.structure.components import PointMass, Tube, Water, without_short
 from sensors.structure.description import (
+    SHIPPED,
     TurbineDescription,
     load_turbine,
     parse_turbine,
@@ -70,12 +71,7 @@ def test_long_tubes_are_cut_until_the_frequencies_are_those_of_many_elements(
     mast = load_turbine(path)
     assert max(tube.length for tube in mast.tubes) <= (mast.tower_top - mast.mudline) / 12 + 1e-9
 
-    def first(refinement: int) -> np.ndarray:
-        model = assemble(mast, tube_refinement=refinement)
-        squares = eigh(model.stiffness, model.mass, eigvals_only=True, subset_by_index=[0, 9])
-        return np.sqrt(squares)
-
-    assert first(1) == pytest.approx(first(4), rel=2e-3)
+    assert first_ten(mast) == pytest.approx(first_ten(mast, 4), rel=2e-3)
 
 
 def test_a_shipped_description_can_be_started_from() -> None:
@@ -239,3 +235,81 @@ def test_a_figure_of_a_component_is_taken_at_its_limit_and_refused_beyond(
     replace(component, **{figure: taken})
     with pytest.raises(TurbineError):
         replace(component, **{figure: refused})
+
+
+def short_pieces(length: float, section: float = 1.0) -> str:
+    """The small mast's TOML with a piece at 20 m whose wall is `section` times as thick."""
+    middle = (
+        f"  {{ bottom = 20, top = {20 + length}, diameter = 3.0, thickness = {0.03 * section}, "
+        'material = "steel" },\n'
+    )
+    return SMALL.replace("  { bottom = 20,", f"{middle}  {{ bottom = {20 + length},")
+
+
+@pytest.mark.parametrize("length", [2e-6, 1e-4, 1e-3, 0.01, 0.019])
+def test_a_step_that_is_written_as_a_very_short_tube_costs_no_digits(length: float) -> None:
+    plain = parse_turbine(SMALL, source="mast.toml")
+    stepped = parse_turbine(short_pieces(length), source="mast.toml")
+    assert len(stepped.tubes) == len(plain.tubes)
+    assert (stepped.mudline, stepped.tower_top) == (0.0, 40.0)
+    for refinement in (1, 2):  # a model of departures halves every tube
+        found, expected = (first_ten(mast, refinement) for mast in (stepped, plain))
+        assert found == pytest.approx(expected, rel=3 * length / 40 + 1e-9)
+
+
+def test_a_short_heavy_ring_keeps_its_mass() -> None:
+    ring = parse_turbine(short_pieces(0.018, section=20.0), source="mast.toml")
+    plain = parse_turbine(SMALL, source="mast.toml")
+    masses = [sum(t.mass_per_length * t.length for t in mast.tubes) for mast in (ring, plain)]
+    A = [np.pi * (3.0 - t) * t for t in (0.6, 0.03)]
+    A_above = np.pi * (2.5 - 0.02) * 0.02
+    assert masses[0] - masses[1] == pytest.approx(0.018 * (7850 * A[0] - 8500 * A_above), rel=1e-9)
+
+
+def test_a_taper_of_many_short_tubes_stays_one() -> None:
+    edges = np.linspace(0.0, 40.0, 3001)
+    walls = np.interp(edges[:-1], [0.0, 40.0], [0.04, 0.02])
+    tubes = tuple(
+        Tube(b, t, 3.0, w, youngs_modulus=210e9, density=7850.0)
+        for b, t, w in zip(edges[:-1].tolist(), edges[1:].tolist(), walls.tolist(), strict=True)
+    )
+    joined = without_short(tubes, 40.0 / 2000)
+    assert all(40.0 / 2000 <= tube.length < 0.041 for tube in joined)
+    at = [tube.bottom for tube in joined]
+    expected = np.interp(at, edges[:-1], walls).tolist()
+    assert [tube.thickness for tube in joined] == pytest.approx(expected, abs=2e-5)
+
+
+def test_short_stretches_of_a_blade_go_to_their_neighbours() -> None:
+    turbine = parked_turbine()
+    assert turbine.blades is not None
+    whole = turbine.blades.elements
+    split = [
+        part
+        for each in whole[1:]
+        for part in (
+            replace(each, outer=each.inner + 1e-3, mass_per_length=1.5 * each.mass_per_length),
+            replace(each, inner=each.inner + 1e-3),
+        )
+    ]
+    meshed = replace(turbine, blades=replace(turbine.blades, elements=(whole[0], *split))).meshed()
+    assert meshed.blades is not None
+    assert len(meshed.blades.elements) == len(whole)
+    masses = [sum(e.mass_per_length * e.length for e in blade) for blade in (split, whole[1:])]
+    kept = sum(e.mass_per_length * e.length for e in meshed.blades.elements)
+    assert kept - sum(e.mass_per_length * e.length for e in whole) == pytest.approx(
+        masses[0] - masses[1]
+    )
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_descriptions_have_no_element_too_short_or_too_long(name: str) -> None:
+    turbine = load_turbine(name)
+    assert turbine.meshed() == turbine
+
+
+def first_ten(mast: TurbineDescription, refinement: int = 1) -> np.ndarray:
+    """The first ten circular frequencies [rad/s]."""
+    model = assemble(mast, tube_refinement=refinement)
+    squares = eigh(model.stiffness, model.mass, eigvals_only=True, subset_by_index=[0, 9])
+    return np.sqrt(squares)
