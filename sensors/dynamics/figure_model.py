@@ -30,7 +30,7 @@ from sensors.dynamics.snapshot_basis import snapshot_basis
 from sensors.structure.assembly import assemble
 from sensors.structure.description import TurbineDescription
 from sensors.structure.figures import BY_NAME
-from sensors.structure.foundation import positive_definite
+from sensors.structure.foundation import TurbineError, positive_definite
 from sensors.structure.placed_readings import MovableReadings, PlacedReadings, Placement
 from sensors.structure.structural_model import StructuralModel
 
@@ -91,11 +91,7 @@ class FigureModel:
         model = assemble(turbine)
         self._model = model
         self._readings = MovableReadings.of(model, layout)
-        levels = np.arange(-LEVEL_REACH, LEVEL_REACH + LEVEL_SPACING / 2, LEVEL_SPACING)
-        if turbine.water is not None:
-            lowest = turbine.mudline + 1.0 - turbine.water.level
-            levels = levels[levels >= lowest]
-        terms = figure_terms(turbine, names, levels)
+        terms = figure_terms(turbine, names, tabulated_levels(turbine))
         self._levels = terms.levels
         self._mass_terms = Monomials(terms.mass, names)
         self._stiffness_terms = Monomials(terms.stiffness, names)
@@ -419,6 +415,30 @@ def _weighted(weights: Sequence[float], matrices: Sequence[FloatArray]) -> Float
     for weight, matrix in zip(weights[1:], matrices[1:], strict=True):
         found += weight * matrix
     return found
+
+
+def tabulated_levels(turbine: TurbineDescription) -> FloatArray:
+    """Levels above the described one, from the highest that leaves the foot dry to the highest that
+    leaves the top dry, (n,) [m]; (0,) on land and where the sea does not reach the foot.
+
+    Raises
+    ------
+    TurbineError
+        If a structure in water is too short for three of them, which slopes need.
+    """
+    if turbine.water is None:
+        return np.zeros(0)
+    levels = np.arange(-LEVEL_REACH, LEVEL_REACH + LEVEL_SPACING / 2, LEVEL_SPACING)
+    bottom, top = (each - turbine.water.level for each in (turbine.mudline, turbine.tower_top))
+    levels = levels[(levels > bottom - LEVEL_SPACING) & (levels < top)]
+    if len(levels) >= 3:
+        return levels
+    if bottom < 0:
+        raise TurbineError(
+            f"water: a structure in water is {2 * LEVEL_SPACING:g} m or more tall; this one is "
+            f"{top - bottom:g} m"
+        )
+    return np.zeros(0)
 
 
 def converged(turbine: TurbineDescription, blades: BladeMesh = "converged") -> TurbineDescription:

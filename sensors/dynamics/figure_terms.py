@@ -135,6 +135,8 @@ class _Parts:
         """By powers 0, 1 and 2 of the wall's departure, times E and ρ: the area is quadratic in the
         wall's thickness and the cubic part of the second moment is 1e-5 of it."""
         steps = [-WALL_STEP, 0.0, WALL_STEP]
+        if any((1 + WALL_STEP) * t.thickness > t.diameter / 2 for t in self._tower.tubes):
+            steps = [-2 * WALL_STEP, -WALL_STEP, 0.0]  # a rod's wall has no room outwards
         elastic, heavy, weight = [], [], []
         for step in steps:
             thinner = varied(self._tower, {"wall_thickness": step})

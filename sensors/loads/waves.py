@@ -3,6 +3,10 @@
 With the surface at rest the force is linear in the waves but for its drag. Integrated to the
 instantaneous surface it gains harmonics that reach far beyond the sea's own band, and these are
 what shakes the higher modes.
+
+Diffraction is left out: C_M is the same at every frequency. A pile of 10 m in 30 m of water has
+2.06 at .125 Hz and .65 at .3 Hz (MacCamy and Fuchs 1954), so that waves of a few seconds push up
+to three times as hard here as at sea.
 """
 
 from collections.abc import Callable, Iterator

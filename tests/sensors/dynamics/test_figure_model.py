@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from sensors.acquisition.layout import biaxial_layout
-from sensors.dynamics.figure_model import FigureModel, converged
-from sensors.dynamics.full_model_modes import solved_modes
+from sensors.dynamics.figure_model import FigureModel, converged, tabulated_levels
+from sensors.dynamics.full_model_modes import full_modes, solved_modes
 from sensors.structure.assembly import assemble
-from sensors.structure.description import load_turbine
+from sensors.structure.components import Tube, Water
+from sensors.structure.description import TurbineDescription, load_turbine
 from sensors.structure.figures import BY_NAME, LEVEL, figures_of, varied
-from sensors.structure.foundation import positive_definite
+from sensors.structure.foundation import FoundationSprings, TurbineError, positive_definite
 from sensors.structure.sensor_readings import ChannelReadings
 
 LAYOUT = biaxial_layout("t", turbine="t", unit="u", elevations=(41.0, 80.0, 106.0, 145.0))
@@ -89,3 +90,41 @@ def test_every_mode_on_land_is_that_of_the_full_model() -> None:
     nearest = np.abs(modes.frequencies / found[np.isfinite(found)][:, None] - 1).min(axis=1)
     assert len(nearest) > 20
     assert nearest.max() < 1e-5
+
+
+def mast(bottom: float, top: float, level: float, thickness: float = 0.003) -> TurbineDescription:
+    """A pipe of .2 m in water that ends where a tower would not."""
+    tube = Tube(bottom, top, 0.2, thickness, youngs_modulus=210e9, density=7850.0)
+    springs = FoundationSprings(k11=1e7, k22=1e7, k12=1e5)
+    return TurbineDescription("m", (tube,), springs, water=Water(level=level)).meshed()
+
+
+SHORT_OR_DRY = [
+    pytest.param(mast(-10.0, 5.0, 0.0), id="it ends less than 6 m above the water"),
+    pytest.param(mast(-0.6, 2.0, 0.0), id="it stands in a flume"),
+    pytest.param(mast(-0.6, 2.0, 1.9), id="it is almost under water"),
+    pytest.param(mast(-20.0, 10.0, -25.0), id="the sea is below the foot"),
+    pytest.param(mast(4.6, 20.0, 0.0), id="waves only reach the foot"),
+    pytest.param(mast(5.9, 20.0, 0.0), id="the highest level only reaches the foot"),
+    pytest.param(mast(-5.0, 10.0, 0.0, thickness=0.1), id="it is a solid rod"),
+]
+
+
+@pytest.mark.parametrize("turbine", SHORT_OR_DRY)
+def test_structures_unlike_towers_have_the_modes_of_the_full_model(
+    turbine: TurbineDescription,
+) -> None:
+    layout = biaxial_layout("t", turbine="m", unit="u", elevations=(turbine.tower_top,))
+    names = [figure.name for figure in figures_of(turbine)]
+    model = FigureModel(turbine, layout, names, highest_frequency=60.0)
+    point = turbine.nominal[None], np.zeros((1, len(names))), np.zeros(1)
+    found = model.modes(*point).frequencies[0]
+    full = full_modes(converged(turbine), layout, highest_frequency=61.0).frequencies
+    nearest = np.abs(full / found[np.isfinite(found)][:, None] - 1).min(axis=1)
+    assert len(nearest) >= 2
+    assert nearest.max() < 2e-4
+
+
+def test_a_structure_too_short_for_three_levels_of_the_water_is_refused() -> None:
+    with pytest.raises(TurbineError, match="in water is 1 m or more tall; this"):
+        tabulated_levels(mast(-0.3, 0.2, 0.0))
