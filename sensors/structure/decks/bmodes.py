@@ -8,10 +8,9 @@ springs. Inertias of that body are about its own centre. Source: BModes user's g
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-
 from sensors.structure.components import RigidBody, RotorNacelle, Tube, Water
-from sensors.structure.decks.elastodyn import ON_GROUND, Deck, tube_of
+from sensors.structure.decks.elastodyn import ON_GROUND, tube_of
+from sensors.structure.decks.input_file import Deck
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
@@ -60,13 +59,8 @@ def read_bmodes(
 def _tubes(deck: Deck, base: float, length: float) -> tuple[Tube, ...]:
     """Tubes with the mass and the EI between stations; two at one place are a step."""
     sections = deck.beside("sec_props_file")
-    rows = sections.table("sec_loc", int(sections.number("n_secs")))
-    try:
-        place, mass, rigidity = np.array(
-            [[float(row[column]) for row in rows] for column in (0, 3, 6)]
-        )
-    except (ValueError, IndexError) as error:
-        raise TurbineError(f"{sections.path}, table of sec_loc: {error}") from error
+    table = sections.table("sec_loc", sections.count("n_secs"))
+    place, mass, rigidity = table.numbers(0, 3, 6).T
     mass = mass * deck.number("sec_mass_mult")
     rigidity = rigidity * deck.number("flp_stff_mult")
     return tuple(

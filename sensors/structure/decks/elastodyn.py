@@ -8,7 +8,6 @@ and tips lean away from the tower; here both are then positive. Source: OpenFAST
 ElastoDyn and SubDyn input files.
 """
 
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -24,63 +23,16 @@ from sensors.structure.components import (
     Tube,
     Water,
 )
+from sensors.structure.decks.input_file import Deck
+from sensors.structure.decks.subdyn import monopile_tubes
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
 STEEL_MODULUS = 210e9  # of a tower of which the deck has only EI [Pa]
 TOWER_DENSITY = 8500.0  # with paint, bolts and flanges; NREL/TP-500-38060 [kg/m³]
 BLADE_ELEMENTS = 8  # of equal length, that stand for the deck's stations
-TIMOSHENKO = 3  # SubDyn's `FEMMod` of members that deform by shear too
 FEATHERED_PITCH = 90.0  # of a parked rotor [deg]
 ON_GROUND = 0.5  # a tower whose base is nearer to level 0 stands on land [m]
-
-
-class Deck:
-    """One input file: its keywords, and its tables by the line above them."""
-
-    def __init__(self, path: Path) -> None:
-        try:
-            self.lines = path.read_text("latin-1").splitlines()
-        except OSError as error:
-            raise TurbineError(f"{path}: {error.strerror}") from error
-        self.path = path
-
-    def text(self, keyword: str, *older: str) -> str:
-        """Return the value before a keyword, without quotes; TurbineError where it is missing.
-
-        Parameters
-        ----------
-        keyword : str
-            As OpenFAST has it today.
-        older : str
-            Its names in earlier versions.
-        """
-        for line in self.lines:
-            words = [word.rstrip(":") for word in line.split()]
-            if not {keyword, *older}.isdisjoint(words[1:3]):
-                return words[0].strip("\"'")
-        raise TurbineError(f"{self.path}: there is no {keyword}; is it the right kind of file?")
-
-    def number(self, keyword: str, *older: str) -> float:
-        """Return the number before a keyword."""
-        text = self.text(keyword, *older)
-        try:
-            return float(text.replace("D", "E").replace("d", "e"))
-        except ValueError:
-            raise TurbineError(f"{self.path}: {keyword} is {text!r}; a number is needed") from None
-
-    def table(self, head: str, n_rows: int) -> list[list[str]]:
-        """Rows below the column titles, the first of which is `head`; a line of units between."""
-        for number, line in enumerate(self.lines):
-            if line.split()[:1] == [head]:
-                rows = [each.split() for each in self.lines[number + 2 : number + 2 + n_rows]]
-                if len(rows) == n_rows and all(rows):
-                    return rows
-        raise TurbineError(f"{self.path}: there is no table of {head} with {n_rows} rows")
-
-    def beside(self, keyword: str) -> "Deck":
-        """Return the file that a keyword names, relative to this one."""
-        return Deck(self.path.parent / self.text(keyword).replace("\\", "/"))
 
 
 def read_elastodyn(
@@ -137,8 +89,8 @@ def read_elastodyn(
 def tower_tubes(deck: Deck) -> tuple[Tube, ...]:
     """Tubes with the mass and the rigidity of ElastoDyn's stations, one between each two."""
     tower = deck.beside("TwrFile")
-    n = int(tower.number("NTwInpSt"))
-    table = _numbers(tower, "HtFract", n, 4)
+    stations = tower.table("HtFract", tower.count("NTwInpSt"))
+    table = stations.numbers("HtFract", "TMassDen", "TwFAStif")
     low, high = deck.number("TowerBsHt"), deck.number("TowerHt")
     heights = low + (high - low) * table[:, 0]
     mass = table[:, 1] * tower.number("AdjTwMa")
@@ -177,42 +129,6 @@ def tube_of(bottom: float, top: float, mass_per_length: float, rigidity: float) 
     )
 
 
-def monopile_tubes(deck: Deck) -> tuple[Tube, ...]:
-    """Members of a SubDyn file as tubes, lowest first; TurbineError for a jacket.
-
-    They deform by shear where SubDyn's do (`FEMMod` 3).
-    """
-    if deck.number("NReact") != 1:
-        raise TurbineError(
-            f"{deck.path}: it stands on {deck.text('NReact')} joints: no monopile, which has one"
-        )
-    joints = {
-        int(row[0]): [float(value) for value in row[1:4]]
-        for row in deck.table("JointID", int(deck.number("NJoints")))
-    }
-    sections = {
-        int(row[0]): [float(value) for value in row[1:6]]
-        for row in deck.table("PropSetID", int(deck.number("NPropSetsCyl", "NPropSets")))
-    }
-    has_shear = deck.number("FEMMod") == TIMOSHENKO
-    tubes = []
-    for row in deck.table("MemberID", int(deck.number("NMembers"))):
-        ends = sorted((joints[int(row[1])], joints[int(row[2])]), key=lambda joint: joint[2])
-        if max(abs(ends[0][0] - ends[1][0]), abs(ends[0][1] - ends[1][1])) > 0.01:
-            raise TurbineError(f"{deck.path}: member {row[0]} is not upright: no monopile")
-        first, second = sections[int(row[3])], sections[int(row[4])]
-        modulus, shear_modulus, density, diameter, thickness = (
-            (a + b) / 2 for a, b in zip(first, second, strict=True)
-        )
-        bottom, top = ends[0][2], ends[1][2]
-        tube = Tube(bottom, top, diameter, thickness, modulus, density)
-        if has_shear and shear_modulus > 0:
-            ratio = modulus / (2 * shear_modulus) - 1  # ν of E = 2 (1 + ν) G
-            tube = replace(tube, shear=True, poisson_ratio=ratio)
-        tubes.append(tube)
-    return tuple(sorted(tubes, key=lambda tube: tube.bottom))
-
-
 def _rotor_nacelle(deck: Deck) -> RotorNacelle:
     """Nacelle and yaw bearing; the deck has one inertia, about the yaw axis."""
     x, y, z = (deck.number(f"NacCM{axis}n") for axis in "xyz")
@@ -232,11 +148,10 @@ def _rotor_nacelle(deck: Deck) -> RotorNacelle:
 
 def _blades(deck: Deck) -> Blades:
     blade = deck.beside("BldFile(1)")
-    n = int(blade.number("NBlInpSt"))
-    columns = blade.table("BlFract", n)
-    values = np.array([[float(each) for each in row] for row in columns])
-    fraction = values[:, 0]
-    twist, mass, flap, edge = values[:, -4:].T  # some versions have the pitch axis between
+    stations = blade.table("BlFract", blade.count("NBlInpSt"))
+    fraction, twist, mass, flap, edge = stations.numbers(
+        "BlFract", "StrcTwst", "BMassDen", "FlpStff", "EdgStff"
+    ).T
     length = deck.number("TipRad") - deck.number("HubRad")
     factors = [blade.number(key) for key in ("AdjBlMs", "AdjFlSt", "AdjEdSt")]
     edges = np.linspace(0.0, 1.0, BLADE_ELEMENTS + 1)
@@ -252,7 +167,7 @@ def _blades(deck: Deck) -> Blades:
         for low, high in pairwise(edges.tolist())
     )
     return Blades(
-        number=int(deck.number("NumBl")),
+        number=deck.count("NumBl"),
         elements=elements,
         hub_radius=deck.number("HubRad"),
         cone=-deck.number("PreCone(1)"),
@@ -265,11 +180,3 @@ def mean_between(x: FloatArray, y: FloatArray, low: float, high: float) -> float
     places = np.unique(np.concatenate([[low, high], x[(x > low) & (x < high)]]))
     values = np.interp(places, x, y)
     return float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(places)) / (high - low))
-
-
-def _numbers(deck: Deck, head: str, n_rows: int, n_columns: int) -> FloatArray:
-    rows = deck.table(head, n_rows)
-    try:
-        return np.array([[float(each) for each in row[:n_columns]] for row in rows])
-    except ValueError as error:
-        raise TurbineError(f"{deck.path}, table of {head}: {error}") from error

@@ -12,13 +12,13 @@ from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.decks.elastodyn import (
     BLADE_ELEMENTS,
-    Deck,
     mean_between,
-    monopile_tubes,
     read_elastodyn,
     tower_tubes,
     tube_of,
 )
+from sensors.structure.decks.input_file import Deck
+from sensors.structure.decks.subdyn import monopile_tubes
 from sensors.structure.description import TurbineDescription, load_turbine, parse_turbine
 from sensors.structure.foundation import FoundationSprings, TurbineError
 

@@ -1,0 +1,95 @@
+"""A monopile from SubDyn's input file: its members as tubes.
+
+Source: OpenFAST documentation, SubDyn input file.
+"""
+
+from dataclasses import dataclass, replace
+
+from sensors.structure.components import Tube, Vector
+from sensors.structure.decks.input_file import Deck
+from sensors.structure.foundation import TurbineError
+
+TIMOSHENKO = 3  # `FEMMod` of members that deform by shear too
+CIRCULAR_BEAM = ("1", "1c")  # `MType` of a member, before and since there are rectangular ones
+PLUMB = 0.01  # an upright member's joints are one above the other to this [m]
+
+
+def monopile_tubes(deck: Deck) -> tuple[Tube, ...]:
+    """Members of a SubDyn file as tubes, lowest first; TurbineError for a jacket.
+
+    They deform by shear where SubDyn's do (`FEMMod` 3).
+    """
+    if deck.number("NReact") != 1:
+        raise TurbineError(
+            f"{deck.path}: it stands on {deck.text('NReact')} joints: no monopile, which has one"
+        )
+    joints, sections = _joints(deck), _sections(deck)
+    has_shear = deck.number("FEMMod") == TIMOSHENKO
+    tubes = []
+    for member in _members(deck):
+        ends = sorted((member.joint(joints, each) for each in member.ends), key=lambda end: end[2])
+        if max(abs(ends[0][0] - ends[1][0]), abs(ends[0][1] - ends[1][1])) > PLUMB:
+            raise TurbineError(f"{member.name} is not upright: no monopile")
+        first, second = (member.section(sections, each) for each in member.sections)
+        modulus, shear_modulus, density, diameter, thickness = (
+            (a + b) / 2 for a, b in zip(first, second, strict=True)
+        )
+        tube = Tube(ends[0][2], ends[1][2], diameter, thickness, modulus, density)
+        if has_shear and shear_modulus > 0:
+            ratio = modulus / (2 * shear_modulus) - 1  # ν of E = 2 (1 + ν) G
+            tube = replace(tube, shear=True, poisson_ratio=ratio)
+        tubes.append(tube)
+    return tuple(sorted(tubes, key=lambda tube: tube.bottom))
+
+
+@dataclass(frozen=True, slots=True)
+class _Member:
+    """A row of the table of members."""
+
+    name: str
+    """File and number, for errors."""
+    ends: tuple[int, int]
+    sections: tuple[int, int]
+
+    def joint(self, joints: dict[int, Vector], number: int) -> Vector:
+        """Place of the joint at an end."""
+        if number not in joints:
+            raise TurbineError(f"{self.name} ends at joint {number}; {_those(joints)}")
+        return joints[number]
+
+    def section(self, sections: dict[int, tuple[float, ...]], number: int) -> tuple[float, ...]:
+        """Figures of the section at an end."""
+        if number not in sections:
+            raise TurbineError(
+                f"{self.name} has the section {number}; of circular ones {_those(sections)}"
+            )
+        return sections[number]
+
+
+def _those(known: dict[int, Vector] | dict[int, tuple[float, ...]]) -> str:
+    return f"there are {', '.join(map(str, known))}" if known else "there are none"
+
+
+def _members(deck: Deck) -> list[_Member]:
+    """Members, all circular beams."""
+    table = deck.table("MemberID", deck.count("NMembers"))
+    kinds = table.texts("MType") if table.has("MType") else [CIRCULAR_BEAM[0]] * len(table.rows)
+    members = []
+    for row, kind in zip(table.numbers(*range(5)).astype(int).tolist(), kinds, strict=True):
+        member = _Member(f"{deck.path}: member {row[0]}", (row[1], row[2]), (row[3], row[4]))
+        if kind not in CIRCULAR_BEAM:
+            raise TurbineError(f"{member.name} has MType {kind}; a monopile has circular beams, 1c")
+        members.append(member)
+    return members
+
+
+def _joints(deck: Deck) -> dict[int, Vector]:
+    """Place of each joint [m] by its number."""
+    rows = deck.table("JointID", deck.count("NJoints")).numbers(*range(4)).tolist()
+    return {int(number): (x, y, z) for number, x, y, z in rows}
+
+
+def _sections(deck: Deck) -> dict[int, tuple[float, ...]]:
+    """E, G [Pa], density [kg/m³], diameter and wall [m] of each circular section by its number."""
+    table = deck.table("PropSetID", deck.count("NPropSetsCyl", "NPropSets"))
+    return {int(row[0]): tuple(row[1:]) for row in table.numbers(*range(6)).tolist()}
