@@ -8,6 +8,7 @@ and tips lean away from the tower; here both are then positive. Source: OpenFAST
 ElastoDyn and SubDyn input files.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -32,6 +33,7 @@ STEEL_MODULUS = 210e9  # of a tower of which the deck has only EI [Pa]
 TOWER_DENSITY = 8500.0  # with paint, bolts and flanges; NREL/TP-500-38060 [kg/m³]
 BLADE_ELEMENTS = 8  # of equal length, that stand for the deck's stations
 FEATHERED_PITCH = 90.0  # of a parked rotor [deg]
+JOINED = 0.01  # figures of two files that are this near mean the same elevation [m]
 ON_GROUND = 0.5  # a tower whose base is nearer to level 0 stands on land [m]
 
 
@@ -57,33 +59,94 @@ def read_elastodyn(
     Raises
     ------
     TurbineError
-        If a file, a keyword or a table is missing, or the substructure is no monopile.
+        If a file, a keyword or a table is missing or cannot be right, the substructure is no
+        monopile, or `PtfmMass` is that of a floater.
+
+    Notes
+    -----
+    A transition piece (`PtfmMass`) stands on the axis at `PtfmCMzt`, without its rotational
+    inertia: a point mass has none.
     """
-    deck = Deck(path)
+    try:
+        return _description(Deck(path), springs, None if subdyn is None else Deck(subdyn))
+    except TurbineError:
+        raise
+    except (ArithmeticError, IndexError, KeyError, ValueError) as error:
+        raise TurbineError(f"{path}: no turbine of ElastoDyn: {error}") from error
+
+
+def _description(deck: Deck, springs: FoundationSprings, subdyn: Deck | None) -> TurbineDescription:
+    path = deck.path
     tubes = tower_tubes(deck)
-    pile = () if subdyn is None else monopile_tubes(Deck(subdyn))
-    if pile and abs(pile[-1].top - tubes[0].bottom) > 0.01:
-        raise TurbineError(
-            f"{subdyn}: the monopile ends at {pile[-1].top:g} m; the tower of {path} begins at "
-            f"{tubes[0].bottom:g} m"
-        )
-    whole = (*pile, *tubes)
-    platform = deck.number("PtfmMass")
     base = tubes[0].bottom
-    masses = (PointMass("platform", base, platform),) if platform > 0 else ()
+    pile = () if subdyn is None else _pile_below(tubes[0], subdyn, path)
+    whole = (*pile, *tubes)
+    name = path.stem.removesuffix("_ElastoDyn")
     in_water = bool(pile) or whole[0].bottom < -ON_GROUND
-    return TurbineDescription(
-        name=path.stem.removesuffix("_ElastoDyn"),
-        title=f"{path.stem.removesuffix('_ElastoDyn')}, from OpenFAST's files",
-        source=path.name + ("" if subdyn is None else f", {subdyn.name}"),
+    turbine = TurbineDescription(
+        name=name,
+        title=f"{name}, from OpenFAST's files",
+        source=path.name + ("" if subdyn is None else f", {subdyn.path.name}"),
         tubes=whole,
         foundation=springs,
         water=Water() if in_water else None,
         rotor_nacelle=_rotor_nacelle(deck),
         blades=_blades(deck),
-        point_masses=masses,
         transition=base if pile else None,
-    ).meshed()
+    )
+    return replace(turbine, point_masses=_platform(deck, turbine)).meshed()
+
+
+def _pile_below(tower: Tube, subdyn: Deck, path: Path) -> tuple[Tube, ...]:
+    """Monopile that ends exactly where the tower begins."""
+    pile = monopile_tubes(subdyn)
+    if not pile:
+        raise TurbineError(f"{subdyn.path}: NMembers is 0; a monopile has one or more")
+    if abs(pile[-1].top - tower.bottom) > JOINED:
+        raise TurbineError(
+            f"{subdyn.path}: the monopile ends at {pile[-1].top:g} m; the tower of {path} begins "
+            f"at {tower.bottom:g} m"
+        )
+    return (*pile[:-1], replace(pile[-1], top=tower.bottom))
+
+
+def _platform(deck: Deck, turbine: TurbineDescription) -> tuple[PointMass, ...]:
+    """A transition piece that the deck has as its platform, at its centre; none without mass.
+
+    A floater carries its turbine by buoyancy and ballast and is several times as heavy (OC4's
+    semi-submersible, of the least steel, 3852 t under 697 t); transition pieces weigh 100 to 500 t.
+    Degrees of freedom do not tell them apart: monopiles of SubDyn have the platform's free, too.
+    """
+    mass = deck.number("PtfmMass")
+    if mass == 0:
+        return ()
+    centre = deck.number("PtfmCMzt")
+    what = f"{deck.path}: PtfmMass {mass / 1e3:.0f} t at {centre:.4g} m"
+    carried = _mass_above(turbine, deck.number("TowerBsHt"))
+    if mass > carried:
+        raise TurbineError(
+            f"{what} is a floater under a turbine of {carried / 1e3:.0f} t; a description is one "
+            "tower on one set of springs"
+        )
+    base, top = turbine.mudline, turbine.tower_top
+    if not base - JOINED <= centre <= top + JOINED:
+        raise TurbineError(
+            f"{what} is not on the structure, {base:g} to {top:g} m: a floater, a slab, or a "
+            "transition piece whose monopile is missing (--subdyn)"
+        )
+    return (PointMass("platform", min(max(centre, base), top), mass),)
+
+
+def _mass_above(turbine: TurbineDescription, base: float) -> float:
+    """Mass of tower, rotor and nacelle [kg]."""
+    top, blades = turbine.rotor_nacelle, turbine.blades
+    elements = () if blades is None else blades.elements * blades.number
+    return (
+        sum(each.mass_per_length * each.length for each in turbine.tubes if each.top > base)
+        + sum(each.mass for each in top.bodies)
+        + top.hub_mass
+        + sum(each.mass_per_length * each.length for each in elements)
+    )
 
 
 def tower_tubes(deck: Deck) -> tuple[Tube, ...]:
@@ -111,8 +174,8 @@ def tube_of(bottom: float, top: float, mass_per_length: float, rigidity: float) 
     With A = m/ρ and I = EI/E:  D² + d² = 16 I/A  and  D² − d² = 4 A/π.
     """
     area = mass_per_length / TOWER_DENSITY
-    both = 16 * rigidity / STEEL_MODULUS / area
     difference = 4 * area / np.pi
+    both = 16 * rigidity / STEEL_MODULUS / area if area > 0 else -np.inf
     if both <= difference:
         raise TurbineError(
             f"tower from {bottom:g} to {top:g} m: no tube of steel has {mass_per_length:g} kg/m "
