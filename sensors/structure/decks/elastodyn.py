@@ -25,7 +25,7 @@ from sensors.structure.components import (
     Water,
 )
 from sensors.structure.decks.input_file import Deck
-from sensors.structure.decks.subdyn import monopile_tubes
+from sensors.structure.decks.subdyn import monopile_masses, monopile_tubes
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
@@ -49,7 +49,7 @@ def read_elastodyn(
     springs : FoundationSprings
         At the mudline: the deck has none.
     subdyn : Path, optional
-        SubDyn's file of a monopile: joints one above the other.
+        SubDyn's file of a monopile: joints one above the other, with their concentrated masses.
 
     Returns
     -------
@@ -94,7 +94,8 @@ def _description(deck: Deck, springs: FoundationSprings, subdyn: Deck | None) ->
         blades=_blades(deck),
         transition=base if pile else None,
     )
-    return replace(turbine, point_masses=_platform(deck, turbine)).meshed()
+    masses = () if subdyn is None else monopile_masses(subdyn)
+    return replace(turbine, point_masses=(*_platform(deck, turbine), *masses)).meshed()
 
 
 def _pile_below(tower: Tube, subdyn: Deck, path: Path) -> tuple[Tube, ...]:

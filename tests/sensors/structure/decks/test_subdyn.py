@@ -4,10 +4,15 @@ from pathlib import Path
 
 import pytest
 
+from sensors.structure.decks.elastodyn import read_elastodyn
 from sensors.structure.decks.input_file import Deck
-from sensors.structure.decks.subdyn import monopile_tubes
-from sensors.structure.foundation import TurbineError
-from tests.sensors.structure.decks.written import pile_deck
+from sensors.structure.decks.subdyn import monopile_masses, monopile_tubes
+from sensors.structure.foundation import FoundationSprings, TurbineError
+from tests.sensors.structure.decks.written import pile_deck, turbine_deck
+
+STIFF = FoundationSprings(1e13, 1e15, 1.0)
+FIVE = "CMJointID JMass JMXX JMYY JMZZ"  # columns until 2020
+ELEVEN = f"{FIVE} JMXY JMXZ JMYZ MCGX MCGY MCGZ"
 
 
 @pytest.mark.parametrize(
@@ -26,3 +31,43 @@ def test_a_member_that_is_no_beam_between_known_joints_is_refused_in_one_line(
     path = pile_deck(tmp_path, changes={old: new})
     with pytest.raises(TurbineError, match=message):
         monopile_tubes(Deck(path))
+
+
+@pytest.mark.parametrize(
+    ("titles", "row", "elevation"),
+    [
+        # the transition piece of the IEA 15 MW monopile, 100 t: IEA-15-240-RWT-Monopile_SubDyn
+        (ELEVEN, "3 100000.0 1250000.0 1250000.0 2500000.0 0.0 0.0 0.0 0.0 0.0 0.0", 10.0),
+        (ELEVEN, "2 100000.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 1.5", -3.5),
+        (ELEVEN, "3 100000.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 2.0 ! on the tower", 12.0),
+        (FIVE, "3 100000.0 0.0 0.0 0.0", 10.0),
+    ],
+)
+def test_a_concentrated_mass_stands_at_its_centre(
+    tmp_path: Path, titles: str, row: str, elevation: float
+) -> None:
+    pile = pile_deck(tmp_path, more=f"1 NCmass - number\n{titles}\n(units)\n{row}\n")
+    (mass,) = read_elastodyn(turbine_deck(tmp_path), STIFF, subdyn=pile).point_masses
+    assert (mass.mass, mass.elevation) == (1e5, elevation)
+
+
+@pytest.mark.parametrize("more", ["", f"0 NCmass - number\n{FIVE}\n(units)\n"])
+def test_a_file_without_concentrated_masses_has_none(tmp_path: Path, more: str) -> None:
+    assert monopile_masses(Deck(pile_deck(tmp_path, more=more))) == ()
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("9 1e5 0 0 0 0 0 0 0 0 0", "a mass of 100000 kg at joint 9; there are 1, 2, 3"),
+        ("1 1e5 0 0 0 0 0 0 0 0 -5", "joint 1 of SubDyn': elevation -25 m is not on the tower"),
+        ("3 -1e5 0 0 0 0 0 0 0 0 0", "joint 3 of SubDyn': mass is -100000; it must not be neg"),
+        ("3 1e5 0 0 0", "table of CMJointID: row 1 ends before MCGZ"),
+    ],
+)
+def test_a_mass_that_is_nowhere_on_the_structure_is_refused(
+    tmp_path: Path, row: str, message: str
+) -> None:
+    pile = pile_deck(tmp_path, more=f"1 NCmass - number\n{ELEVEN}\n(units)\n{row}\n")
+    with pytest.raises(TurbineError, match=message):
+        read_elastodyn(turbine_deck(tmp_path), STIFF, subdyn=pile)
