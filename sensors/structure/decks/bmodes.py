@@ -5,13 +5,12 @@ the tower, from which follow tubes of steel, and one rigid body for rotor and na
 springs. Inertias of that body are about its own centre. Source: BModes user's guide, NREL 2007.
 """
 
-from itertools import pairwise
 from pathlib import Path
 
 from sensors.structure.components import RigidBody, RotorNacelle, Tube, Water
-from sensors.structure.decks.elastodyn import ON_GROUND, tube_of
+from sensors.structure.decks.elastodyn import ON_GROUND, tapered_tubes
 from sensors.structure.decks.input_file import Deck
-from sensors.structure.description import TurbineDescription
+from sensors.structure.description import LONGEST_ELEMENT, TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
 TOWER = 2  # beam_type
@@ -61,17 +60,11 @@ def _tubes(deck: Deck, base: float, length: float) -> tuple[Tube, ...]:
     sections = deck.beside("sec_props_file")
     table = sections.table("sec_loc", sections.count("n_secs"))
     place, mass, rigidity = table.numbers(0, 3, 6).T
-    mass = mass * deck.number("sec_mass_mult")
-    rigidity = rigidity * deck.number("flp_stff_mult")
-    return tuple(
-        tube_of(
-            base + length * float(place[low]),
-            base + length * float(place[high]),
-            float(mass[low] + mass[high]) / 2,
-            float(rigidity[low] + rigidity[high]) / 2,
-        )
-        for low, high in pairwise(range(len(place)))
-        if place[high] > place[low]
+    return tapered_tubes(
+        base + length * place,
+        mass * deck.number("sec_mass_mult"),
+        rigidity * deck.number("flp_stff_mult"),
+        LONGEST_ELEMENT * length,
     )
 
 

@@ -8,6 +8,7 @@ and tips lean away from the tower; here both are then positive. Source: OpenFAST
 ElastoDyn and SubDyn input files.
 """
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -25,8 +26,9 @@ from sensors.structure.components import (
     Water,
 )
 from sensors.structure.decks.input_file import Deck
+from sensors.structure.decks.stations import edges_of, mean_between
 from sensors.structure.decks.subdyn import monopile_masses, monopile_tubes
-from sensors.structure.description import TurbineDescription
+from sensors.structure.description import LONGEST_ELEMENT, TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
 STEEL_MODULUS = 210e9  # of a tower of which the deck has only EI [Pa]
@@ -77,9 +79,11 @@ def read_elastodyn(
 
 def _description(deck: Deck, springs: FoundationSprings, subdyn: Deck | None) -> TurbineDescription:
     path = deck.path
-    tubes = tower_tubes(deck)
+    mudline = deck.number("TowerBsHt") if subdyn is None else monopile_tubes(subdyn)[0].bottom
+    longest = LONGEST_ELEMENT * (deck.number("TowerHt") - mudline)
+    tubes = tower_tubes(deck, longest)
     base = tubes[0].bottom
-    pile = () if subdyn is None else _pile_below(tubes[0], subdyn, path)
+    pile = () if subdyn is None else _pile_below(base, subdyn, longest, path)
     whole = (*pile, *tubes)
     name = path.stem.removesuffix("_ElastoDyn")
     in_water = bool(pile) or whole[0].bottom < -ON_GROUND
@@ -98,17 +102,15 @@ def _description(deck: Deck, springs: FoundationSprings, subdyn: Deck | None) ->
     return replace(turbine, point_masses=(*_platform(deck, turbine), *masses)).meshed()
 
 
-def _pile_below(tower: Tube, subdyn: Deck, path: Path) -> tuple[Tube, ...]:
+def _pile_below(base: float, subdyn: Deck, longest: float, path: Path) -> tuple[Tube, ...]:
     """Monopile that ends exactly where the tower begins."""
-    pile = monopile_tubes(subdyn)
-    if not pile:
-        raise TurbineError(f"{subdyn.path}: NMembers is 0; a monopile has one or more")
-    if abs(pile[-1].top - tower.bottom) > JOINED:
+    pile = monopile_tubes(subdyn, longest)
+    if abs(pile[-1].top - base) > JOINED:
         raise TurbineError(
             f"{subdyn.path}: the monopile ends at {pile[-1].top:g} m; the tower of {path} begins "
-            f"at {tower.bottom:g} m"
+            f"at {base:g} m"
         )
-    return (*pile[:-1], replace(pile[-1], top=tower.bottom))
+    return (*pile[:-1], replace(pile[-1], top=base))
 
 
 def _platform(deck: Deck, turbine: TurbineDescription) -> tuple[PointMass, ...]:
@@ -150,22 +152,48 @@ def _mass_above(turbine: TurbineDescription, base: float) -> float:
     )
 
 
-def tower_tubes(deck: Deck) -> tuple[Tube, ...]:
-    """Tubes with the mass and the rigidity of ElastoDyn's stations, one between each two."""
+def tower_tubes(deck: Deck, longest: float = math.inf) -> tuple[Tube, ...]:
+    """Tubes with the mass and the rigidity of ElastoDyn's stations, one or more between each two.
+
+    Parameters
+    ----------
+    deck : Deck
+        ElastoDyn's primary file.
+    longest : float
+        A taper is cut into tubes of at most this length [m].
+    """
     tower = deck.beside("TwrFile")
     stations = tower.table("HtFract", tower.count("NTwInpSt"))
     table = stations.numbers("HtFract", "TMassDen", "TwFAStif")
     low, high = deck.number("TowerBsHt"), deck.number("TowerHt")
+    if not high > low:
+        raise TurbineError(
+            f"{deck.path}: TowerHt is {high:g} m; it must lie above TowerBsHt, {low:g} m"
+        )
     heights = low + (high - low) * table[:, 0]
     mass = table[:, 1] * tower.number("AdjTwMa")
     rigidity = table[:, 2] * tower.number("AdjFASt")
-    spans = list(pairwise(heights.tolist()))
-    middle_mass, middle_rigidity = ((v[1:] + v[:-1]) / 2 for v in (mass, rigidity))
-    return tuple(
-        tube_of(bottom, top, m, ei)
-        for (bottom, top), m, ei in zip(
-            spans, middle_mass.tolist(), middle_rigidity.tolist(), strict=True
+    return tapered_tubes(heights, mass, rigidity, longest)
+
+
+def tapered_tubes(
+    heights: FloatArray, mass: FloatArray, rigidity: FloatArray, longest: float
+) -> tuple[Tube, ...]:
+    """Return the tubes of stations [m] with mass [kg/m] and EI [N·m²], steps at double stations."""
+    if not np.all(np.diff(heights) >= 0):
+        falls = int(np.argmax(np.diff(heights) < 0))
+        raise TurbineError(
+            f"tower: the station at {heights[falls + 1]:g} m follows that at {heights[falls]:g} m; "
+            "stations ascend"
         )
+    return tuple(
+        tube_of(
+            bottom,
+            top,
+            mean_between(heights, mass, bottom, top),
+            mean_between(heights, rigidity, bottom, top),
+        )
+        for bottom, top in pairwise(edges_of(heights, longest))
     )
 
 
@@ -237,10 +265,3 @@ def _blades(deck: Deck) -> Blades:
         cone=-deck.number("PreCone(1)"),
         pitch=FEATHERED_PITCH,
     )
-
-
-def mean_between(x: FloatArray, y: FloatArray, low: float, high: float) -> float:
-    """Mean of the straight lines through (x, y) from `low` to `high`."""
-    places = np.unique(np.concatenate([[low, high], x[(x > low) & (x < high)]]))
-    values = np.interp(places, x, y)
-    return float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(places)) / (high - low))

@@ -3,12 +3,15 @@
 Source: OpenFAST documentation, SubDyn input file.
 """
 
+import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from sensors.structure.components import PointMass, Tube, Vector
 from sensors.structure.decks.input_file import Deck
+from sensors.structure.decks.stations import edges_of, mean_between
 from sensors.structure.foundation import TurbineError
 
 TIMOSHENKO = 3  # `FEMMod` of members that deform by shear too
@@ -16,10 +19,17 @@ CIRCULAR_BEAM = ("1", "1c")  # `MType` of a member, before and since there are r
 PLUMB = 0.01  # an upright member's joints are one above the other to this [m]
 
 
-def monopile_tubes(deck: Deck) -> tuple[Tube, ...]:
+def monopile_tubes(deck: Deck, longest: float = math.inf) -> tuple[Tube, ...]:
     """Members of a SubDyn file as tubes, lowest first; TurbineError for a jacket.
 
     They deform by shear where SubDyn's do (`FEMMod` 3).
+
+    Parameters
+    ----------
+    deck : Deck
+        SubDyn's file.
+    longest : float
+        A tapered member is cut into tubes of at most this length [m].
     """
     if deck.number("NReact") != 1:
         raise TurbineError(
@@ -29,18 +39,25 @@ def monopile_tubes(deck: Deck) -> tuple[Tube, ...]:
     has_shear = deck.number("FEMMod") == TIMOSHENKO
     tubes = []
     for member in _members(deck):
-        ends = sorted((member.joint(joints, each) for each in member.ends), key=lambda end: end[2])
-        if max(abs(ends[0][0] - ends[1][0]), abs(ends[0][1] - ends[1][1])) > PLUMB:
+        places = [member.joint(joints, each) for each in member.ends]
+        if math.dist(places[0][:2], places[1][:2]) > PLUMB:
             raise TurbineError(f"{member.name} is not upright: no monopile")
-        first, second = (member.section(sections, each) for each in member.sections)
-        modulus, shear_modulus, density, diameter, thickness = (
-            (a + b) / 2 for a, b in zip(first, second, strict=True)
-        )
-        tube = Tube(ends[0][2], ends[1][2], diameter, thickness, modulus, density)
-        if has_shear and shear_modulus > 0:
-            ratio = modulus / (2 * shear_modulus) - 1  # ν of E = 2 (1 + ν) G
-            tube = replace(tube, shear=True, poisson_ratio=ratio)
-        tubes.append(tube)
+        heights = np.array([place[2] for place in places])
+        figures = np.array([member.section(sections, each) for each in member.sections])
+        order = np.argsort(heights)
+        heights, figures = heights[order], figures[order]
+        is_tapered = bool(np.any(figures[0] != figures[1]))
+        for bottom, top in pairwise(edges_of(heights, longest if is_tapered else math.inf)):
+            modulus, shear_modulus, density, diameter, thickness = (
+                mean_between(heights, each, bottom, top) for each in figures.T
+            )
+            tube = Tube(bottom, top, diameter, thickness, modulus, density)
+            if has_shear and shear_modulus > 0:
+                ratio = modulus / (2 * shear_modulus) - 1  # ν of E = 2 (1 + ν) G
+                tube = replace(tube, shear=True, poisson_ratio=ratio)
+            tubes.append(tube)
+    if not tubes:
+        raise TurbineError(f"{deck.path}: NMembers is 0; a monopile has one or more")
     return tuple(sorted(tubes, key=lambda tube: tube.bottom))
 
 

@@ -23,7 +23,8 @@ from sensors.structure.components import (
     Tube,
     Water,
 )
-from sensors.structure.decks.elastodyn import BLADE_ELEMENTS, FEATHERED_PITCH, mean_between
+from sensors.structure.decks.elastodyn import BLADE_ELEMENTS, FEATHERED_PITCH
+from sensors.structure.decks.stations import mean_between
 from sensors.structure.description import TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 

@@ -12,7 +12,6 @@ from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.decks.elastodyn import (
     BLADE_ELEMENTS,
-    mean_between,
     read_elastodyn,
     tower_tubes,
     tube_of,
@@ -60,16 +59,41 @@ def test_a_decks_factors_scale_the_towers_mass_and_rigidity(tmp_path: Path) -> N
     assert tube.bending_rigidity == pytest.approx(0.9 * 4.5e11)
 
 
+def test_a_tower_of_two_stations_keeps_its_taper(tmp_path: Path) -> None:
+    rows = ("0.0 8000.0 8e11 8e11", "1.0 2000.0 1e11 1e11")
+    tubes = read_elastodyn(turbine_deck(tmp_path, tower=rows), STIFF).tubes
+    assert len(tubes) == 12
+    for tube in tubes:
+        height = (tube.bottom + tube.top - 20) / 160  # from 10 to 90 m [-]
+        assert tube.mass_per_length == pytest.approx(8000 - 6000 * height)
+        assert tube.bending_rigidity == pytest.approx(8e11 - 7e11 * height)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("90.0 TowerHt", "9.0 TowerHt", "TowerHt is 9 m; it must lie above TowerBsHt, 10 m"),
+        ("3 NumBl", "0 NumBl", "blades: number is 0; at least 1 is needed"),
+    ],
+)
+def test_a_figure_that_cannot_be_right_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    with pytest.raises(TurbineError, match=message):
+        read_elastodyn(turbine_deck(tmp_path, changes={old: new}), STIFF)
+
+
+def test_stations_that_do_not_ascend_are_refused(tmp_path: Path) -> None:
+    rows = ("0.0 4e3 4e11 4e11", "0.6 4e3 4e11 4e11", "0.5 4e3 4e11 4e11", "1.0 4e3 4e11 4e11")
+    message = "the station at 50 m follows that at 58 m; stations ascend"
+    with pytest.raises(TurbineError, match=message):
+        read_elastodyn(turbine_deck(tmp_path, tower=rows), STIFF)
+
+
 @pytest.mark.parametrize("mass", [1e5, 0.0, -1.0])
 def test_what_no_tube_has_is_refused(mass: float) -> None:
     with pytest.raises(TurbineError, match="no tube of steel"):
         tube_of(0.0, 10.0, mass, 1e9)
-
-
-def test_a_mean_is_that_of_the_lines_between_the_stations() -> None:
-    x, y = np.array([0.0, 0.5, 1.0]), np.array([0.0, 1.0, 0.0])
-    assert mean_between(x, y, 0.0, 1.0) == pytest.approx(0.5)
-    assert mean_between(x, y, 0.25, 0.75) == pytest.approx(0.75)
 
 
 def test_the_oc3_monopile_has_the_masses_of_its_definition(oc3: TurbineDescription) -> None:
@@ -235,5 +259,5 @@ def test_a_monopile_ends_exactly_where_the_tower_begins(tmp_path: Path) -> None:
 
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.dat").write_text("nothing\n")
-    with pytest.raises(TurbineError, match="there is no TwrFile"):
+    with pytest.raises(TurbineError, match="there is no TowerBsHt; is it the right kind"):
         read_elastodyn(tmp_path / "a.dat", STIFF)

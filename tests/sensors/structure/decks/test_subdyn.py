@@ -33,6 +33,24 @@ def test_a_member_that_is_no_beam_between_known_joints_is_refused_in_one_line(
         monopile_tubes(Deck(path))
 
 
+def test_a_tapered_member_is_cut(tmp_path: Path) -> None:
+    second = "1 2.1e11 8.08e10 8500.0 6.0 0.06\n2 2.1e11 8.08e10 8500.0 9.0 0.03"
+    changes = {
+        "1 1 2 1 1 1c 0": "1 2 1 1 2 1c 0",  # named from its upper end
+        "1 NPropSetsCyl": "2 NPropSetsCyl",
+        "1 2.1e11 8.08e10 8500.0 6.0 0.06": second,
+    }
+    tubes = monopile_tubes(Deck(pile_deck(tmp_path, changes=changes)), 5.0)
+    assert [tube.bottom for tube in tubes] == [-20.0, -15.0, -10.0, -5.0]
+    assert [tube.diameter for tube in tubes] == pytest.approx([8.5, 7.5, 6.5, 6.0])
+    assert [tube.thickness for tube in tubes] == pytest.approx([0.035, 0.045, 0.055, 0.06])
+
+
+def test_a_file_without_members_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TurbineError, match="NMembers is 0; a monopile has one or more"):
+        monopile_tubes(Deck(pile_deck(tmp_path, changes={"2 NMembers": "0 NMembers"})))
+
+
 @pytest.mark.parametrize(
     ("titles", "row", "elevation"),
     [
