@@ -2,7 +2,8 @@
 
 Value and label stand on a line, value first, as in OpenFAST's files. The file has mass and EI along
 the tower, from which follow tubes of steel, and one rigid body for rotor and nacelle; it has no
-springs. Inertias of that body are about its own centre. Source: BModes user's guide, NREL 2007.
+springs. Inertias of that body are about its own centre. Distributed added mass is left out: a
+description has that of its water. Source: BModes user's guide, NREL 2007.
 """
 
 from pathlib import Path
@@ -33,13 +34,24 @@ def read_bmodes(
     Raises
     ------
     TurbineError
-        If a file or a figure is missing, it is a blade, or the tower floats.
+        If a file or a figure is missing or cannot be right, it is a blade, the tower floats, or
+        wires or springs along the pile hold it.
     """
-    deck = Deck(path)
+    try:
+        return _description(Deck(path), springs, mudline)
+    except TurbineError:
+        raise
+    except (ArithmeticError, IndexError, KeyError, ValueError) as error:
+        raise TurbineError(f"{path}: no tower of BModes: {error}") from error
+
+
+def _description(
+    deck: Deck, springs: FoundationSprings, mudline: float | None
+) -> TurbineDescription:
+    path = deck.path
     if deck.number("beam_type") != TOWER:
         raise TurbineError(f"{path}: beam_type is {deck.text('beam_type')}; {TOWER} is a tower")
-    if deck.number("tow_support") and deck.number("mass_pform"):
-        raise TurbineError(f"{path}: mass_pform is {deck.text('mass_pform')} kg: no monopile")
+    _require_one_set_of_springs(deck)
     draft = deck.number("draft") if deck.number("tow_support") else 0.0
     stated = deck.number("hub_rad") - draft
     length = deck.number("radius") - stated
@@ -53,6 +65,23 @@ def read_bmodes(
         water=Water() if base < -ON_GROUND else None,
         rotor_nacelle=RotorNacelle(bodies=(_top_body(deck),)),
     ).meshed()
+
+
+def _require_one_set_of_springs(deck: Deck) -> None:
+    """Raise TurbineError for a floater, a guyed tower and a pile with springs along it."""
+    if not deck.number("tow_support"):
+        return  # what stands below is not read by BModes either
+    if deck.number("mass_pform"):
+        raise TurbineError(f"{deck.path}: mass_pform is {deck.text('mass_pform')} kg: no monopile")
+    for keyword, what in (
+        ("n_secs_k_distr", "springs along the pile"),
+        ("n_attachments", "tension wires"),
+    ):
+        if deck.has(keyword) and deck.count(keyword):
+            raise TurbineError(
+                f"{deck.path}: {keyword} is {deck.count(keyword)}, {what}; a description is one "
+                "tower on one set of springs at its base"
+            )
 
 
 def _tubes(deck: Deck, base: float, length: float) -> tuple[Tube, ...]:

@@ -117,7 +117,7 @@ def _platform(deck: Deck, turbine: TurbineDescription) -> tuple[PointMass, ...]:
     """A transition piece that the deck has as its platform, at its centre; none without mass.
 
     A floater carries its turbine by buoyancy and ballast and is several times as heavy (OC4's
-    semi-submersible, of the least steel, 3852 t under 697 t); transition pieces weigh 100 to 500 t.
+    semi-submersible, of the least steel, 3852 t under 599 t); transition pieces weigh 100 to 500 t.
     Degrees of freedom do not tell them apart: monopiles of SubDyn have the platform's free, too.
     """
     mass = deck.number("PtfmMass")
@@ -128,8 +128,8 @@ def _platform(deck: Deck, turbine: TurbineDescription) -> tuple[PointMass, ...]:
     carried = _mass_above(turbine, deck.number("TowerBsHt"))
     if mass > carried:
         raise TurbineError(
-            f"{what} is a floater under a turbine of {carried / 1e3:.0f} t; a description is one "
-            "tower on one set of springs"
+            f"{what} weighs more than tower, rotor and nacelle, {carried / 1e3:.0f} t: a floater; "
+            "a description is one tower on one set of springs"
         )
     base, top = turbine.mudline, turbine.tower_top
     if not base - JOINED <= centre <= top + JOINED:

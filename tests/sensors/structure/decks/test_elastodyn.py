@@ -208,7 +208,7 @@ def with_platform(folder: Path, mass: float, centre: float) -> TurbineDescriptio
     ("mass", "centre"), [(7.46633e6, -89.9155), (3.85218e6, -8.6588), (5.452e6, -0.281768)]
 )
 def test_a_floater_is_refused_with_its_mass(tmp_path: Path, mass: float, centre: float) -> None:
-    message = f"PtfmMass {mass / 1e3:.0f} t at {centre:.4g} m is a floater under a turbine of 642 t"
+    message = f"PtfmMass {mass / 1e3:.0f} t at {centre:.4g} m weighs more than .*, 642 t: a floater"
     with pytest.raises(TurbineError, match=message):
         with_platform(tmp_path, mass, centre)
 
@@ -244,7 +244,7 @@ def test_the_floaters_of_a_peer_package_are_refused() -> None:
         if path.parent.name.endswith(("spar", "semi"))
     ]
     for path in floaters:
-        with pytest.raises(TurbineError, match="is a floater under a turbine of"):
+        with pytest.raises(TurbineError, match="weighs more than tower, rotor and nacelle"):
             read_elastodyn(path, STIFF)
 
 
