@@ -42,6 +42,8 @@ def monopile_tubes(deck: Deck, longest: float = math.inf) -> tuple[Tube, ...]:
         places = [member.joint(joints, each) for each in member.ends]
         if math.dist(places[0][:2], places[1][:2]) > PLUMB:
             raise TurbineError(f"{member.name} is not upright: no monopile")
+        if places[0][2] == places[1][2]:
+            raise TurbineError(f"{member.name} has no length: both ends at {places[0][2]:g} m")
         heights = np.array([place[2] for place in places])
         figures = np.array([member.section(sections, each) for each in member.sections])
         order = np.argsort(heights)

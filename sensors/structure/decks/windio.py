@@ -132,6 +132,7 @@ def _tubes(
         )
     layers = _layers(turbine, name, path)
     diameter = component["outer_shape"]["outer_diameter"]
+    _require_stations(diameter, f"{path}: outer_diameter of the {name}")
     material = _material(turbine, layers[0]["material"], f"{path}: the {name}")
     density = float(component["structure"].get("outfitting_factor", 1.0)) * float(material["rho"])
     tables = [diameter, *(layer["thickness"] for layer in layers)]
@@ -172,6 +173,7 @@ def _layers(turbine: Any, name: str, path: Path) -> list[Any]:
             "same EI and mass"
         )
     for each, layer in zip(names, layers, strict=True):
+        _require_stations(layer["thickness"], f"{path}: thickness of {each} of the {name}")
         grid = _column(layer["thickness"], "grid")
         if grid[0] > UNCOVERED or grid[-1] < 1 - UNCOVERED:
             raise TurbineError(
@@ -179,6 +181,16 @@ def _layers(turbine: Any, name: str, path: Path) -> list[Any]:
                 f"{grid[-1]:g}; its grid begins at 0 and ends at 1"
             )
     return layers
+
+
+def _require_stations(table: Any, what: str) -> None:
+    """Raise TurbineError unless a table has a value a station, the stations in ascending order."""
+    grid, values = _column(table, "grid"), _column(table, "values")
+    if len(grid) != len(values) or np.any(np.diff(grid) < 0):
+        raise TurbineError(
+            f"{what} has {len(values)} values on the grid {grid.tolist()}; each station has one, "
+            "and stations ascend"
+        )
 
 
 def _material(turbine: Any, name: str, where: str) -> Any:

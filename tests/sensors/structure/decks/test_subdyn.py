@@ -21,6 +21,7 @@ ELEVEN = f"{FIVE} JMXY JMXZ JMYZ MCGX MCGY MCGZ"
         ("2 2 3 1 1 1c 0", "2 2 3 9 9 1c 0", "member 2 has the section 9; of circular ones there"),
         ("2 2 3 1 1 1c 0", "2 2 77 1 1 1c 0", "member 2 ends at joint 77; there are 1, 2, 3"),
         ("2 2 3 1 1 1c 0", "2 2 3 1 1 3 0", "member 2 has MType 3; a monopile has circular beams"),
+        ("3 0.0 0.0 10.0", "3 0.0 0.0 -5.0", "member 2 has no length: both ends at -5 m"),
         ("3 0.0 0.0 10.0", "3 0.0 0.0 top", "JointZss of row 3 is 'top'; a number is needed"),
         ("1 NPropSetsCyl", "0 NPropSetsCyl", "section 1; of circular ones there are none"),
     ],

@@ -211,6 +211,14 @@ def test_layers_of_one_material_are_one_wall(tmp_path: Path) -> None:
             layered(("steel", [0, 1], [0.03, 0.03]), ("steel", [0.2, 0.5], [0.02, 0.02])),
             "thickness of wall 2 of the tower is stated from 0.2 to 0.5; its grid begins at 0 and",
         ),
+        (
+            layered(("steel", [0, 0.5, 1], [0.03, 0.03])),
+            r"thickness of wall 1 of the tower has 2 values on the grid \[0.0, 0.5, 1.0\]; each",
+        ),
+        (
+            layered(("steel", [0, 0.5, 0.4, 1], [0.03] * 4)),
+            r"wall 1 of the tower has 4 values on the grid \[0.0, 0.5, 0.4, 1.0\]; each station",
+        ),
         (layered(), "the tower has no layers; a wall has one or more"),
         (
             layered(("wood", [0, 1], [0.3, 0.3])),
