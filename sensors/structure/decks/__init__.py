@@ -1,1 +1,1 @@
-"""Descriptions from files of other programs: OpenFAST (ElastoDyn, SubDyn) and WindIO."""
+"""Descriptions from files of other programs: OpenFAST (ElastoDyn, SubDyn), BModes, WindIO."""

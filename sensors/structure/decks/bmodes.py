@@ -2,17 +2,16 @@
 
 Value and label stand on a line, value first, as in OpenFAST's files. The file has mass and EI along
 the tower, from which follow tubes of steel, and one rigid body for rotor and nacelle; it has no
-springs. Inertias of that body are about its own centre. Source: BModes user's guide, NREL 2007.
+springs. Inertias of that body are about its own centre. Distributed added mass is left out: a
+description has that of its water. Source: BModes user's guide, NREL 2007.
 """
 
-from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-
 from sensors.structure.components import RigidBody, RotorNacelle, Tube, Water
-from sensors.structure.decks.elastodyn import ON_GROUND, Deck, tube_of
-from sensors.structure.description import TurbineDescription
+from sensors.structure.decks.elastodyn import ON_GROUND, tapered_tubes
+from sensors.structure.decks.input_file import Deck
+from sensors.structure.description import LONGEST_ELEMENT, TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
 TOWER = 2  # beam_type
@@ -35,13 +34,24 @@ def read_bmodes(
     Raises
     ------
     TurbineError
-        If a file or a figure is missing, it is a blade, or the tower floats.
+        If a file or a figure is missing or cannot be right, it is a blade, the tower floats, or
+        wires or springs along the pile hold it.
     """
-    deck = Deck(path)
+    try:
+        return _description(Deck(path), springs, mudline)
+    except TurbineError:
+        raise
+    except (ArithmeticError, IndexError, KeyError, ValueError) as error:
+        raise TurbineError(f"{path}: no tower of BModes: {error}") from error
+
+
+def _description(
+    deck: Deck, springs: FoundationSprings, mudline: float | None
+) -> TurbineDescription:
+    path = deck.path
     if deck.number("beam_type") != TOWER:
         raise TurbineError(f"{path}: beam_type is {deck.text('beam_type')}; {TOWER} is a tower")
-    if deck.number("tow_support") and deck.number("mass_pform"):
-        raise TurbineError(f"{path}: mass_pform is {deck.text('mass_pform')} kg: no monopile")
+    _require_one_set_of_springs(deck)
     draft = deck.number("draft") if deck.number("tow_support") else 0.0
     stated = deck.number("hub_rad") - draft
     length = deck.number("radius") - stated
@@ -57,27 +67,33 @@ def read_bmodes(
     ).meshed()
 
 
+def _require_one_set_of_springs(deck: Deck) -> None:
+    """Raise TurbineError for a floater, a guyed tower and a pile with springs along it."""
+    if not deck.number("tow_support"):
+        return  # what stands below is not read by BModes either
+    if deck.number("mass_pform"):
+        raise TurbineError(f"{deck.path}: mass_pform is {deck.text('mass_pform')} kg: no monopile")
+    for keyword, what in (
+        ("n_secs_k_distr", "springs along the pile"),
+        ("n_attachments", "tension wires"),
+    ):
+        if deck.has(keyword) and deck.count(keyword):
+            raise TurbineError(
+                f"{deck.path}: {keyword} is {deck.count(keyword)}, {what}; a description is one "
+                "tower on one set of springs at its base"
+            )
+
+
 def _tubes(deck: Deck, base: float, length: float) -> tuple[Tube, ...]:
     """Tubes with the mass and the EI between stations; two at one place are a step."""
     sections = deck.beside("sec_props_file")
-    rows = sections.table("sec_loc", int(sections.number("n_secs")))
-    try:
-        place, mass, rigidity = np.array(
-            [[float(row[column]) for row in rows] for column in (0, 3, 6)]
-        )
-    except (ValueError, IndexError) as error:
-        raise TurbineError(f"{sections.path}, table of sec_loc: {error}") from error
-    mass = mass * deck.number("sec_mass_mult")
-    rigidity = rigidity * deck.number("flp_stff_mult")
-    return tuple(
-        tube_of(
-            base + length * float(place[low]),
-            base + length * float(place[high]),
-            float(mass[low] + mass[high]) / 2,
-            float(rigidity[low] + rigidity[high]) / 2,
-        )
-        for low, high in pairwise(range(len(place)))
-        if place[high] > place[low]
+    table = sections.table("sec_loc", sections.count("n_secs"))
+    place, mass, rigidity = table.numbers(0, 3, 6).T
+    return tapered_tubes(
+        base + length * place,
+        mass * deck.number("sec_mass_mult"),
+        rigidity * deck.number("flp_stff_mult"),
+        LONGEST_ELEMENT * length,
     )
 
 

@@ -8,6 +8,7 @@ and tips lean away from the tower; here both are then positive. Source: OpenFAST
 ElastoDyn and SubDyn input files.
 """
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -24,63 +25,18 @@ from sensors.structure.components import (
     Tube,
     Water,
 )
-from sensors.structure.description import TurbineDescription
+from sensors.structure.decks.input_file import Deck
+from sensors.structure.decks.stations import edges_of, mean_between
+from sensors.structure.decks.subdyn import monopile_masses, monopile_tubes
+from sensors.structure.description import LONGEST_ELEMENT, TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
 STEEL_MODULUS = 210e9  # of a tower of which the deck has only EI [Pa]
 TOWER_DENSITY = 8500.0  # with paint, bolts and flanges; NREL/TP-500-38060 [kg/m³]
 BLADE_ELEMENTS = 8  # of equal length, that stand for the deck's stations
-TIMOSHENKO = 3  # SubDyn's `FEMMod` of members that deform by shear too
 FEATHERED_PITCH = 90.0  # of a parked rotor [deg]
+JOINED = 0.01  # figures of two files that are this near mean the same elevation [m]
 ON_GROUND = 0.5  # a tower whose base is nearer to level 0 stands on land [m]
-
-
-class Deck:
-    """One input file: its keywords, and its tables by the line above them."""
-
-    def __init__(self, path: Path) -> None:
-        try:
-            self.lines = path.read_text("latin-1").splitlines()
-        except OSError as error:
-            raise TurbineError(f"{path}: {error.strerror}") from error
-        self.path = path
-
-    def text(self, keyword: str, *older: str) -> str:
-        """Return the value before a keyword, without quotes; TurbineError where it is missing.
-
-        Parameters
-        ----------
-        keyword : str
-            As OpenFAST has it today.
-        older : str
-            Its names in earlier versions.
-        """
-        for line in self.lines:
-            words = [word.rstrip(":") for word in line.split()]
-            if not {keyword, *older}.isdisjoint(words[1:3]):
-                return words[0].strip("\"'")
-        raise TurbineError(f"{self.path}: there is no {keyword}; is it the right kind of file?")
-
-    def number(self, keyword: str, *older: str) -> float:
-        """Return the number before a keyword."""
-        text = self.text(keyword, *older)
-        try:
-            return float(text.replace("D", "E").replace("d", "e"))
-        except ValueError:
-            raise TurbineError(f"{self.path}: {keyword} is {text!r}; a number is needed") from None
-
-    def table(self, head: str, n_rows: int) -> list[list[str]]:
-        """Rows below the column titles, the first of which is `head`; a line of units between."""
-        for number, line in enumerate(self.lines):
-            if line.split()[:1] == [head]:
-                rows = [each.split() for each in self.lines[number + 2 : number + 2 + n_rows]]
-                if len(rows) == n_rows and all(rows):
-                    return rows
-        raise TurbineError(f"{self.path}: there is no table of {head} with {n_rows} rows")
-
-    def beside(self, keyword: str) -> "Deck":
-        """Return the file that a keyword names, relative to this one."""
-        return Deck(self.path.parent / self.text(keyword).replace("\\", "/"))
 
 
 def read_elastodyn(
@@ -95,7 +51,7 @@ def read_elastodyn(
     springs : FoundationSprings
         At the mudline: the deck has none.
     subdyn : Path, optional
-        SubDyn's file of a monopile: joints one above the other.
+        SubDyn's file of a monopile: joints one above the other, with their concentrated masses.
 
     Returns
     -------
@@ -105,51 +61,139 @@ def read_elastodyn(
     Raises
     ------
     TurbineError
-        If a file, a keyword or a table is missing, or the substructure is no monopile.
+        If a file, a keyword or a table is missing or cannot be right, the substructure is no
+        monopile, or `PtfmMass` is that of a floater.
+
+    Notes
+    -----
+    A transition piece (`PtfmMass`) stands on the axis at `PtfmCMzt`, without its rotational
+    inertia: a point mass has none.
     """
-    deck = Deck(path)
-    tubes = tower_tubes(deck)
-    pile = () if subdyn is None else monopile_tubes(Deck(subdyn))
-    if pile and abs(pile[-1].top - tubes[0].bottom) > 0.01:
-        raise TurbineError(
-            f"{subdyn}: the monopile ends at {pile[-1].top:g} m; the tower of {path} begins at "
-            f"{tubes[0].bottom:g} m"
-        )
-    whole = (*pile, *tubes)
-    platform = deck.number("PtfmMass")
+    try:
+        return _description(Deck(path), springs, None if subdyn is None else Deck(subdyn))
+    except TurbineError:
+        raise
+    except (ArithmeticError, IndexError, KeyError, ValueError) as error:
+        raise TurbineError(f"{path}: no turbine of ElastoDyn: {error}") from error
+
+
+def _description(deck: Deck, springs: FoundationSprings, subdyn: Deck | None) -> TurbineDescription:
+    path = deck.path
+    mudline = deck.number("TowerBsHt") if subdyn is None else monopile_tubes(subdyn)[0].bottom
+    longest = LONGEST_ELEMENT * (deck.number("TowerHt") - mudline)
+    tubes = tower_tubes(deck, longest)
     base = tubes[0].bottom
-    masses = (PointMass("platform", base, platform),) if platform > 0 else ()
+    pile = () if subdyn is None else _pile_below(base, subdyn, longest, path)
+    whole = (*pile, *tubes)
+    name = path.stem.removesuffix("_ElastoDyn")
     in_water = bool(pile) or whole[0].bottom < -ON_GROUND
-    return TurbineDescription(
-        name=path.stem.removesuffix("_ElastoDyn"),
-        title=f"{path.stem.removesuffix('_ElastoDyn')}, from OpenFAST's files",
-        source=path.name + ("" if subdyn is None else f", {subdyn.name}"),
+    turbine = TurbineDescription(
+        name=name,
+        title=f"{name}, from OpenFAST's files",
+        source=path.name + ("" if subdyn is None else f", {subdyn.path.name}"),
         tubes=whole,
         foundation=springs,
         water=Water() if in_water else None,
         rotor_nacelle=_rotor_nacelle(deck),
         blades=_blades(deck),
-        point_masses=masses,
         transition=base if pile else None,
-    ).meshed()
+    )
+    masses = () if subdyn is None else monopile_masses(subdyn)
+    return replace(turbine, point_masses=(*_platform(deck, turbine), *masses)).meshed()
 
 
-def tower_tubes(deck: Deck) -> tuple[Tube, ...]:
-    """Tubes with the mass and the rigidity of ElastoDyn's stations, one between each two."""
+def _pile_below(base: float, subdyn: Deck, longest: float, path: Path) -> tuple[Tube, ...]:
+    """Monopile that ends exactly where the tower begins."""
+    pile = monopile_tubes(subdyn, longest)
+    if abs(pile[-1].top - base) > JOINED:
+        raise TurbineError(
+            f"{subdyn.path}: the monopile ends at {pile[-1].top:g} m; the tower of {path} begins "
+            f"at {base:g} m"
+        )
+    return (*pile[:-1], replace(pile[-1], top=base))
+
+
+def _platform(deck: Deck, turbine: TurbineDescription) -> tuple[PointMass, ...]:
+    """A transition piece that the deck has as its platform, at its centre; none without mass.
+
+    A floater carries its turbine by buoyancy and ballast and is several times as heavy (OC4's
+    semi-submersible, of the least steel, 3852 t under 599 t); transition pieces weigh 100 to 500 t.
+    Degrees of freedom do not tell them apart: monopiles of SubDyn have the platform's free, too.
+    """
+    mass = deck.number("PtfmMass")
+    if mass == 0:
+        return ()
+    centre = deck.number("PtfmCMzt")
+    what = f"{deck.path}: PtfmMass {mass / 1e3:.0f} t at {centre:.4g} m"
+    carried = _mass_above(turbine, deck.number("TowerBsHt"))
+    if mass > carried:
+        raise TurbineError(
+            f"{what} weighs more than tower, rotor and nacelle, {carried / 1e3:.0f} t: a floater; "
+            "a description is one tower on one set of springs"
+        )
+    base, top = turbine.mudline, turbine.tower_top
+    if not base - JOINED <= centre <= top + JOINED:
+        raise TurbineError(
+            f"{what} is not on the structure, {base:g} to {top:g} m: a floater, a slab, or a "
+            "transition piece whose monopile is missing (--subdyn)"
+        )
+    return (PointMass("platform", min(max(centre, base), top), mass),)
+
+
+def _mass_above(turbine: TurbineDescription, base: float) -> float:
+    """Mass of tower, rotor and nacelle [kg]."""
+    top, blades = turbine.rotor_nacelle, turbine.blades
+    elements = () if blades is None else blades.elements * blades.number
+    return (
+        sum(each.mass_per_length * each.length for each in turbine.tubes if each.top > base)
+        + sum(each.mass for each in top.bodies)
+        + top.hub_mass
+        + sum(each.mass_per_length * each.length for each in elements)
+    )
+
+
+def tower_tubes(deck: Deck, longest: float = math.inf) -> tuple[Tube, ...]:
+    """Tubes with the mass and the rigidity of ElastoDyn's stations, one or more between each two.
+
+    Parameters
+    ----------
+    deck : Deck
+        ElastoDyn's primary file.
+    longest : float
+        A taper is cut into tubes of at most this length [m].
+    """
     tower = deck.beside("TwrFile")
-    n = int(tower.number("NTwInpSt"))
-    table = _numbers(tower, "HtFract", n, 4)
+    stations = tower.table("HtFract", tower.count("NTwInpSt"))
+    table = stations.numbers("HtFract", "TMassDen", "TwFAStif")
     low, high = deck.number("TowerBsHt"), deck.number("TowerHt")
+    if not high > low:
+        raise TurbineError(
+            f"{deck.path}: TowerHt is {high:g} m; it must lie above TowerBsHt, {low:g} m"
+        )
     heights = low + (high - low) * table[:, 0]
     mass = table[:, 1] * tower.number("AdjTwMa")
     rigidity = table[:, 2] * tower.number("AdjFASt")
-    spans = list(pairwise(heights.tolist()))
-    middle_mass, middle_rigidity = ((v[1:] + v[:-1]) / 2 for v in (mass, rigidity))
-    return tuple(
-        tube_of(bottom, top, m, ei)
-        for (bottom, top), m, ei in zip(
-            spans, middle_mass.tolist(), middle_rigidity.tolist(), strict=True
+    return tapered_tubes(heights, mass, rigidity, longest)
+
+
+def tapered_tubes(
+    heights: FloatArray, mass: FloatArray, rigidity: FloatArray, longest: float
+) -> tuple[Tube, ...]:
+    """Return the tubes of stations [m] with mass [kg/m] and EI [N·m²], steps at double stations."""
+    if not np.all(np.diff(heights) >= 0):
+        falls = int(np.argmax(np.diff(heights) < 0))
+        raise TurbineError(
+            f"tower: the station at {heights[falls + 1]:g} m follows that at {heights[falls]:g} m; "
+            "stations ascend"
         )
+    return tuple(
+        tube_of(
+            bottom,
+            top,
+            mean_between(heights, mass, bottom, top),
+            mean_between(heights, rigidity, bottom, top),
+        )
+        for bottom, top in pairwise(edges_of(heights, longest))
     )
 
 
@@ -159,8 +203,8 @@ def tube_of(bottom: float, top: float, mass_per_length: float, rigidity: float) 
     With A = m/ρ and I = EI/E:  D² + d² = 16 I/A  and  D² − d² = 4 A/π.
     """
     area = mass_per_length / TOWER_DENSITY
-    both = 16 * rigidity / STEEL_MODULUS / area
     difference = 4 * area / np.pi
+    both = 16 * rigidity / STEEL_MODULUS / area if area > 0 else -np.inf
     if both <= difference:
         raise TurbineError(
             f"tower from {bottom:g} to {top:g} m: no tube of steel has {mass_per_length:g} kg/m "
@@ -175,42 +219,6 @@ def tube_of(bottom: float, top: float, mass_per_length: float, rigidity: float) 
         youngs_modulus=STEEL_MODULUS,
         density=TOWER_DENSITY,
     )
-
-
-def monopile_tubes(deck: Deck) -> tuple[Tube, ...]:
-    """Members of a SubDyn file as tubes, lowest first; TurbineError for a jacket.
-
-    They deform by shear where SubDyn's do (`FEMMod` 3).
-    """
-    if deck.number("NReact") != 1:
-        raise TurbineError(
-            f"{deck.path}: it stands on {deck.text('NReact')} joints: no monopile, which has one"
-        )
-    joints = {
-        int(row[0]): [float(value) for value in row[1:4]]
-        for row in deck.table("JointID", int(deck.number("NJoints")))
-    }
-    sections = {
-        int(row[0]): [float(value) for value in row[1:6]]
-        for row in deck.table("PropSetID", int(deck.number("NPropSetsCyl", "NPropSets")))
-    }
-    has_shear = deck.number("FEMMod") == TIMOSHENKO
-    tubes = []
-    for row in deck.table("MemberID", int(deck.number("NMembers"))):
-        ends = sorted((joints[int(row[1])], joints[int(row[2])]), key=lambda joint: joint[2])
-        if max(abs(ends[0][0] - ends[1][0]), abs(ends[0][1] - ends[1][1])) > 0.01:
-            raise TurbineError(f"{deck.path}: member {row[0]} is not upright: no monopile")
-        first, second = sections[int(row[3])], sections[int(row[4])]
-        modulus, shear_modulus, density, diameter, thickness = (
-            (a + b) / 2 for a, b in zip(first, second, strict=True)
-        )
-        bottom, top = ends[0][2], ends[1][2]
-        tube = Tube(bottom, top, diameter, thickness, modulus, density)
-        if has_shear and shear_modulus > 0:
-            ratio = modulus / (2 * shear_modulus) - 1  # ν of E = 2 (1 + ν) G
-            tube = replace(tube, shear=True, poisson_ratio=ratio)
-        tubes.append(tube)
-    return tuple(sorted(tubes, key=lambda tube: tube.bottom))
 
 
 def _rotor_nacelle(deck: Deck) -> RotorNacelle:
@@ -232,11 +240,10 @@ def _rotor_nacelle(deck: Deck) -> RotorNacelle:
 
 def _blades(deck: Deck) -> Blades:
     blade = deck.beside("BldFile(1)")
-    n = int(blade.number("NBlInpSt"))
-    columns = blade.table("BlFract", n)
-    values = np.array([[float(each) for each in row] for row in columns])
-    fraction = values[:, 0]
-    twist, mass, flap, edge = values[:, -4:].T  # some versions have the pitch axis between
+    stations = blade.table("BlFract", blade.count("NBlInpSt"))
+    fraction, twist, mass, flap, edge = stations.numbers(
+        "BlFract", "StrcTwst", "BMassDen", "FlpStff", "EdgStff"
+    ).T
     length = deck.number("TipRad") - deck.number("HubRad")
     factors = [blade.number(key) for key in ("AdjBlMs", "AdjFlSt", "AdjEdSt")]
     edges = np.linspace(0.0, 1.0, BLADE_ELEMENTS + 1)
@@ -252,24 +259,9 @@ def _blades(deck: Deck) -> Blades:
         for low, high in pairwise(edges.tolist())
     )
     return Blades(
-        number=int(deck.number("NumBl")),
+        number=deck.count("NumBl"),
         elements=elements,
         hub_radius=deck.number("HubRad"),
         cone=-deck.number("PreCone(1)"),
         pitch=FEATHERED_PITCH,
     )
-
-
-def mean_between(x: FloatArray, y: FloatArray, low: float, high: float) -> float:
-    """Mean of the straight lines through (x, y) from `low` to `high`."""
-    places = np.unique(np.concatenate([[low, high], x[(x > low) & (x < high)]]))
-    values = np.interp(places, x, y)
-    return float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(places)) / (high - low))
-
-
-def _numbers(deck: Deck, head: str, n_rows: int, n_columns: int) -> FloatArray:
-    rows = deck.table(head, n_rows)
-    try:
-        return np.array([[float(each) for each in row[:n_columns]] for row in rows])
-    except ValueError as error:
-        raise TurbineError(f"{deck.path}, table of {head}: {error}") from error

@@ -1,8 +1,9 @@
 """A description from a turbine in WindIO (YAML, version 2): tower and monopile, drivetrain, blades.
 
-Stations of the outer diameter and the wall become tubes with their means; the wall's density is
-multiplied by the outfitting factor. Cross-sectional stiffness of a blade is in its own axes: K44
-bending along the chord, K55 across it. Source: windIO 2 turbine schema.
+Stations of the outer diameter and of the wall's layers become tubes with their means; layers of
+one material are one wall, whose density is multiplied by the outfitting factor. Cross-sectional
+stiffness of a blade is in its own axes: K44 bending along the chord, K55 across it. Source: windIO
+2 turbine schema.
 """
 
 import importlib
@@ -23,10 +24,12 @@ from sensors.structure.components import (
     Tube,
     Water,
 )
-from sensors.structure.decks.elastodyn import BLADE_ELEMENTS, FEATHERED_PITCH, mean_between
-from sensors.structure.description import TurbineDescription
+from sensors.structure.decks.elastodyn import BLADE_ELEMENTS, FEATHERED_PITCH
+from sensors.structure.decks.stations import edges_of, joined, mean_between
+from sensors.structure.description import LONGEST_ELEMENT, TurbineDescription
 from sensors.structure.foundation import FoundationSprings, TurbineError
 
+UNCOVERED = 1e-3  # of the height, that a layer may begin or end inside of it [-]
 NOT_ONE_TOWER = ("floating_platform", "jacket", "mooring")  # components of other substructures
 
 
@@ -47,8 +50,8 @@ def read_windio(
     Raises
     ------
     TurbineError
-        If the file cannot be read, is another kind of file, or has a monopile and no mudline is
-        given.
+        If the file cannot be read, is another kind of file, has walls of several materials, or
+        has a monopile and no mudline is given.
     """
     turbine = _loaded(path)
     try:
@@ -57,7 +60,7 @@ def read_windio(
         raise
     except KeyError as error:
         raise TurbineError(f"{path}: no turbine of WindIO 2: {error} is missing") from error
-    except (IndexError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, IndexError, TypeError, ValueError) as error:
         raise TurbineError(f"{path}: no turbine of WindIO 2: {error}") from error
 
 
@@ -77,21 +80,24 @@ def _loaded(path: Path) -> Any:
 def _description(
     turbine: Any, springs: FoundationSprings, mudline: float | None, path: Path
 ) -> TurbineDescription:
-    components, materials = turbine["components"], turbine["materials"]
+    components = turbine["components"]
     if "outer_shape_bem" in components["tower"]:
         raise TurbineError(f"{path} is of WindIO 1; windIO's converter makes version 2 of it")
     if other := [name for name in NOT_ONE_TOWER if name in components]:
         raise TurbineError(f"{path} has a {other[0]}; a description is one tower on its springs")
-    tubes = _tubes(components["tower"], materials)
+    top = float(components["tower"]["reference_axis"]["z"]["values"][-1])
     masses: tuple[PointMass, ...] = ()
-    base = tubes[0].bottom
     pile: tuple[Tube, ...] = ()
     if "monopile" in components:
         if mudline is None:
             raise TurbineError(
                 f"{path} has a monopile: where it is cut is missing, --mudline METRES"
             )
-        pile = _above(_tubes(components["monopile"], materials), mudline)
+        pile = _above(_tubes(turbine, "monopile", path, top=top, mudline=mudline), mudline)
+    lowest = mudline if pile else None
+    tubes = _tubes(turbine, "tower", path, top=top, mudline=lowest)
+    base = tubes[0].bottom
+    if pile:
         mass = float(components["monopile"].get("transition_piece_mass", 0.0))
         masses = (PointMass("transition piece", base, mass),) if mass > 0 else ()
     return TurbineDescription(
@@ -108,31 +114,95 @@ def _description(
     ).meshed()
 
 
-def _tubes(component: Any, materials: Any) -> tuple[Tube, ...]:
+def _tubes(
+    turbine: Any, name: str, path: Path, *, top: float, mudline: float | None = None
+) -> tuple[Tube, ...]:
+    """Tubes of a component between all stations that its axis, diameter and layers have.
+
+    Each of these tables has a grid of its own. A taper is cut to the length of an element of the
+    structure that ends at `top`, and where the mudline is.
+    """
+    component = turbine["components"][name]
     axis = component["reference_axis"]["z"]
-    heights = np.array(axis["values"], dtype=np.float64)
-    grid = np.array(axis["grid"], dtype=np.float64)
-    (layer,) = component["structure"]["layers"][:1]
-    material = next(each for each in materials if each["name"] == layer["material"])
-    diameter = _at(component["outer_shape"]["outer_diameter"], grid)
-    wall = _at(layer["thickness"], grid)
-    outfitting = float(component["structure"].get("outfitting_factor", 1.0))
-    middle = [(values[1:] + values[:-1]) / 2 for values in (diameter, wall)]
+    heights, grid = _column(axis, "values"), _column(axis, "grid")
+    if not (np.all(np.diff(heights) > 0) and np.all(np.diff(grid) > 0)):
+        raise TurbineError(
+            f"{path}: z of the {name}'s reference_axis is {heights.tolist()} m on the grid "
+            f"{grid.tolist()}; both must ascend"
+        )
+    layers = _layers(turbine, name, path)
+    diameter = component["outer_shape"]["outer_diameter"]
+    _require_stations(diameter, f"{path}: outer_diameter of the {name}")
+    material = _material(turbine, layers[0]["material"], f"{path}: the {name}")
+    density = float(component["structure"].get("outfitting_factor", 1.0)) * float(material["rho"])
+    tables = [diameter, *(layer["thickness"] for layer in layers)]
+    cut = [] if mudline is None or not heights[0] < mudline < heights[-1] else [mudline]
+    places = [np.interp(_column(table, "grid"), grid, heights).tolist() for table in tables]
+    stations = joined([heights[0], heights[-1], *cut], heights[1:-1].tolist(), *places)
+    lowest = heights[0] if mudline is None else mudline
+
+    def mean(table: Any, low: float, high: float) -> float:
+        at = np.interp(_column(table, "grid"), grid, heights)
+        return mean_between(at, _column(table, "values"), low, high)
+
     return tuple(
         Tube(
             bottom=low,
             top=high,
-            diameter=float(middle[0][number]),
-            thickness=float(middle[1][number]),
+            diameter=mean(diameter, low, high),
+            thickness=sum(mean(layer["thickness"], low, high) for layer in layers),
             youngs_modulus=float(material["E"]),
-            density=outfitting * float(material["rho"]),
+            density=density,
         )
-        for number, (low, high) in enumerate(pairwise(heights.tolist()))
+        for low, high in pairwise(edges_of(stations, LONGEST_ELEMENT * (top - lowest)))
     )
 
 
-def _at(table: Any, grid: FloatArray) -> FloatArray:
-    return np.interp(grid, table["grid"], table["values"])
+def _layers(turbine: Any, name: str, path: Path) -> list[Any]:
+    """Layers of a wall, all of one material and over the whole height."""
+    layers = list(turbine["components"][name]["structure"]["layers"])
+    if not layers:
+        raise TurbineError(f"{path}: the {name} has no layers; a wall has one or more")
+    names = [str(layer.get("name", f"layer {n}")) for n, layer in enumerate(layers, start=1)]
+    if len({layer["material"] for layer in layers}) > 1:
+        those = ", ".join(
+            f"{each} of {layer['material']}" for each, layer in zip(names, layers, strict=True)
+        )
+        raise TurbineError(
+            f"{path}: the {name} has {those}; a tube is of one material: state one layer of the "
+            "same EI and mass"
+        )
+    for each, layer in zip(names, layers, strict=True):
+        _require_stations(layer["thickness"], f"{path}: thickness of {each} of the {name}")
+        grid = _column(layer["thickness"], "grid")
+        if grid[0] > UNCOVERED or grid[-1] < 1 - UNCOVERED:
+            raise TurbineError(
+                f"{path}: thickness of {each} of the {name} is stated from {grid[0]:g} to "
+                f"{grid[-1]:g}; its grid begins at 0 and ends at 1"
+            )
+    return layers
+
+
+def _require_stations(table: Any, what: str) -> None:
+    """Raise TurbineError unless a table has a value a station, the stations in ascending order."""
+    grid, values = _column(table, "grid"), _column(table, "values")
+    if len(grid) != len(values) or np.any(np.diff(grid) < 0):
+        raise TurbineError(
+            f"{what} has {len(values)} values on the grid {grid.tolist()}; each station has one, "
+            "and stations ascend"
+        )
+
+
+def _material(turbine: Any, name: str, where: str) -> Any:
+    for each in turbine["materials"]:
+        if each["name"] == name:
+            return each
+    known = ", ".join(str(each["name"]) for each in turbine["materials"])
+    raise TurbineError(f"{where} is of {name!r}, which is not in materials: {known}")
+
+
+def _column(table: Any, key: str) -> FloatArray:
+    return np.array(table[key], dtype=np.float64)
 
 
 def _above(tubes: tuple[Tube, ...], mudline: float) -> tuple[Tube, ...]:
@@ -180,8 +250,8 @@ def _blades(turbine: Any) -> Blades:
     twist = blade["outer_shape"]["twist"]
 
     def mean(table: Any, key: str, low: float, high: float, power: int = 1) -> float:
-        numbers = np.array(table[key], dtype=np.float64) ** power
-        return mean_between(np.array(table["grid"], dtype=np.float64), numbers, low, high) ** power
+        numbers = _column(table, key) ** power
+        return mean_between(_column(table, "grid"), numbers, low, high) ** power
 
     edges = np.linspace(0.0, 1.0, BLADE_ELEMENTS + 1).tolist()
     elements = tuple(

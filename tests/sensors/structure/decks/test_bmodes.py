@@ -78,6 +78,57 @@ def test_blades_and_floaters_are_refused(
         read_bmodes(written(tmp_path, beam=beam, platform=platform), STIFF)
 
 
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("36 n_secs_k_distr: stations", "n_secs_k_distr is 36, springs along the pile; a descr"),
+        ("2 n_attachments: of wires", "n_attachments is 2, tension wires; a description is one"),
+    ],
+)
+def test_what_is_not_held_at_its_base_alone_is_refused(
+    tmp_path: Path, line: str, message: str
+) -> None:
+    path = written(tmp_path)
+    path.write_text(f"{path.read_text()}{line}\n")
+    with pytest.raises(TurbineError, match=message):
+        read_bmodes(path, STIFF)
+    path.write_text(path.read_text().replace("1 tow_support", "0 tow_support"))
+    assert read_bmodes(path, STIFF).tower_top == 80.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("0.5 0 0 4000.0", "0.5 0 0 none", "table of sec_loc: mass_den of row 3 is 'none'; a num"),
+        ("0.5 0 0 4000.0", "0.4 0 0 4000.0", "the station at 20 m follows that at 30 m; stations"),
+        ("1.0 0 0 4000.0", "1.0 0 0", "table of sec_loc: row 4 ends before flp_stff"),
+        (
+            "1.0 0 0 4000.0 0 0 4.5e11",
+            "1.0 0 0 -4000.0 0 0 0",
+            "no tube of steel has -733.333 kg/m",
+        ),
+        ("4 n_secs", "9 n_secs", "there is no table of sec_loc with 9 rows"),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_one_line(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    path = written(tmp_path)
+    (tmp_path / "sections.dat").write_text(SECTIONS.replace(old, new))
+    with pytest.raises(TurbineError, match=message):
+        read_bmodes(path, STIFF)
+
+
+def test_a_taper_of_two_stations_is_cut(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    rows = "0.0 0 0 9000.0 0 0 1.0e12\n1.0 0 0 4000.0 0 0 4.5e11"
+    head = SECTIONS.split("0.0 0 0")[0].replace("4 n_secs", "2 n_secs")
+    (tmp_path / "sections.dat").write_text(head + rows)
+    tubes = read_bmodes(path, STIFF).tubes
+    assert len(tubes) == 12
+    assert tubes[0].mass_per_length == pytest.approx(1.1 * (9000 - 5000 / 24))
+
+
 def test_the_nrel_5mw_on_land_has_the_first_frequency_of_its_definition() -> None:
     # NREL/TP-500-38060, Table 9-1: first tower fore-aft 0.3195 (ADAMS) to 0.3240 Hz (FAST).
     # pyBModes itself has 0.3334: what a model gives without the coupling m·h of the top's offset.

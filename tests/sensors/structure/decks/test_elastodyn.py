@@ -12,15 +12,15 @@ from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.decks.elastodyn import (
     BLADE_ELEMENTS,
-    Deck,
-    mean_between,
-    monopile_tubes,
     read_elastodyn,
     tower_tubes,
     tube_of,
 )
+from sensors.structure.decks.input_file import Deck
+from sensors.structure.decks.subdyn import monopile_tubes
 from sensors.structure.description import TurbineDescription, load_turbine, parse_turbine
 from sensors.structure.foundation import FoundationSprings, TurbineError
+from tests.sensors.structure.decks.written import pile_deck, turbine_deck
 
 STIFF = FoundationSprings(1e13, 1e15, 1.0)
 
@@ -59,15 +59,41 @@ def test_a_decks_factors_scale_the_towers_mass_and_rigidity(tmp_path: Path) -> N
     assert tube.bending_rigidity == pytest.approx(0.9 * 4.5e11)
 
 
-def test_what_no_tube_has_is_refused() -> None:
+def test_a_tower_of_two_stations_keeps_its_taper(tmp_path: Path) -> None:
+    rows = ("0.0 8000.0 8e11 8e11", "1.0 2000.0 1e11 1e11")
+    tubes = read_elastodyn(turbine_deck(tmp_path, tower=rows), STIFF).tubes
+    assert len(tubes) == 12
+    for tube in tubes:
+        height = (tube.bottom + tube.top - 20) / 160  # from 10 to 90 m [-]
+        assert tube.mass_per_length == pytest.approx(8000 - 6000 * height)
+        assert tube.bending_rigidity == pytest.approx(8e11 - 7e11 * height)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("90.0 TowerHt", "9.0 TowerHt", "TowerHt is 9 m; it must lie above TowerBsHt, 10 m"),
+        ("3 NumBl", "0 NumBl", "blades: number is 0; at least 1 is needed"),
+    ],
+)
+def test_a_figure_that_cannot_be_right_is_refused(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    with pytest.raises(TurbineError, match=message):
+        read_elastodyn(turbine_deck(tmp_path, changes={old: new}), STIFF)
+
+
+def test_stations_that_do_not_ascend_are_refused(tmp_path: Path) -> None:
+    rows = ("0.0 4e3 4e11 4e11", "0.6 4e3 4e11 4e11", "0.5 4e3 4e11 4e11", "1.0 4e3 4e11 4e11")
+    message = "the station at 50 m follows that at 58 m; stations ascend"
+    with pytest.raises(TurbineError, match=message):
+        read_elastodyn(turbine_deck(tmp_path, tower=rows), STIFF)
+
+
+@pytest.mark.parametrize("mass", [1e5, 0.0, -1.0])
+def test_what_no_tube_has_is_refused(mass: float) -> None:
     with pytest.raises(TurbineError, match="no tube of steel"):
-        tube_of(0.0, 10.0, 1e5, 1e9)
-
-
-def test_a_mean_is_that_of_the_lines_between_the_stations() -> None:
-    x, y = np.array([0.0, 0.5, 1.0]), np.array([0.0, 1.0, 0.0])
-    assert mean_between(x, y, 0.0, 1.0) == pytest.approx(0.5)
-    assert mean_between(x, y, 0.25, 0.75) == pytest.approx(0.75)
+        tube_of(0.0, 10.0, mass, 1e9)
 
 
 def test_the_oc3_monopile_has_the_masses_of_its_definition(oc3: TurbineDescription) -> None:
@@ -169,7 +195,69 @@ def test_a_jacket_is_refused_in_one_line(tmp_path: Path, legs: int, x: float, me
         monopile_tubes(Deck(path))
 
 
+# Tower, rotor and nacelle of the small deck weigh 642 t: 80 m of 4 t/m, 50 t, 200 t, 3 x 24 t.
+
+
+def with_platform(folder: Path, mass: float, centre: float) -> TurbineDescription:
+    changes = {"0.0 PtfmMass": f"{mass} PtfmMass", "10.0 PtfmCMzt": f"{centre} PtfmCMzt"}
+    return read_elastodyn(turbine_deck(folder, changes=changes), STIFF, subdyn=pile_deck(folder))
+
+
+# NREL/TP-500-47535 (OC3's spar), TP-5000-60601 (OC4's semi-submersible), r-test's barge of ITI
+@pytest.mark.parametrize(
+    ("mass", "centre"), [(7.46633e6, -89.9155), (3.85218e6, -8.6588), (5.452e6, -0.281768)]
+)
+def test_a_floater_is_refused_with_its_mass(tmp_path: Path, mass: float, centre: float) -> None:
+    message = f"PtfmMass {mass / 1e3:.0f} t at {centre:.4g} m weighs more than .*, 642 t: a floater"
+    with pytest.raises(TurbineError, match=message):
+        with_platform(tmp_path, mass, centre)
+
+
+def test_a_platform_of_negative_mass_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TurbineError, match="mass is -1; it must not be negative"):
+        with_platform(tmp_path, -1.0, 10.0)
+
+
+def test_a_platform_that_is_not_on_the_structure_is_refused(tmp_path: Path) -> None:
+    message = r"PtfmMass 300 t at -25 m is not on the structure, -20 to 90 m: a floater, a slab, or"
+    with pytest.raises(TurbineError, match=message):
+        with_platform(tmp_path, 3e5, -25.0)
+
+
+@pytest.mark.parametrize(("centre", "elevation"), [(10.0, 10.0), (4.0, 4.0), (-20.001, -20.0)])
+def test_a_transition_piece_stands_where_its_centre_is(
+    tmp_path: Path, centre: float, elevation: float
+) -> None:
+    # 450 t at the tower's base: the IEA 15 MW monopile of 2020
+    (piece,) = with_platform(tmp_path, 4.5e5, centre).point_masses
+    assert (piece.mass, piece.elevation) == (4.5e5, elevation)
+
+
+def test_the_floaters_of_a_peer_package_are_refused() -> None:
+    spec = find_spec("pybmodes")
+    if spec is None or spec.origin is None:
+        pytest.skip("pybmodes, which brings the files, is not installed")
+    decks = Path(spec.origin).parent / "_examples/reference_decks"
+    floaters = [
+        path
+        for path in sorted(decks.glob("*/*_ElastoDyn.dat"))
+        if path.parent.name.endswith(("spar", "semi"))
+    ]
+    for path in floaters:
+        with pytest.raises(TurbineError, match="weighs more than tower, rotor and nacelle"):
+            read_elastodyn(path, STIFF)
+
+
+def test_a_monopile_ends_exactly_where_the_tower_begins(tmp_path: Path) -> None:
+    pile = pile_deck(tmp_path, changes={"3 0.0 0.0 10.0": "3 0.0 0.0 10.0001"})
+    found = read_elastodyn(turbine_deck(tmp_path), STIFF, subdyn=pile)
+    assert 10.0 in [tube.top for tube in found.tubes]
+    low = pile_deck(tmp_path, changes={"3 0.0 0.0 10.0": "3 0.0 0.0 9.0"})
+    with pytest.raises(TurbineError, match=r"ends at 9 m; the tower of .* begins at 10 m"):
+        read_elastodyn(turbine_deck(tmp_path), STIFF, subdyn=low)
+
+
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.dat").write_text("nothing\n")
-    with pytest.raises(TurbineError, match="there is no TwrFile"):
+    with pytest.raises(TurbineError, match="there is no TowerBsHt; is it the right kind"):
         read_elastodyn(tmp_path / "a.dat", STIFF)

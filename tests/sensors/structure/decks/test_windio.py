@@ -148,3 +148,92 @@ def test_a_body_has_its_moments_of_inertia_and_its_products_where_the_file_has_t
     (found,) = read_windio(written(tmp_path, small), SPRINGS).rotor_nacelle.bodies
     assert found.inertia == (1e6, 2e6, 3e6)
     assert found.products == (tuple(products) or (0.0, 0.0, 0.0))
+
+
+def test_a_straight_axis_keeps_the_taper_of_diameter_and_wall(tmp_path: Path) -> None:
+    # z of a straight tower needs its two ends only; diameter and wall have grids of their own
+    tower = shell(10.0, 90.0, 5.0, 0.03)
+    tower["outer_shape"]["outer_diameter"] = {"grid": [0.0, 0.5, 1.0], "values": [8.0, 6.0, 5.0]}
+    (layer,) = tower["structure"]["layers"]
+    layer["thickness"] = {"grid": [0.0, 0.25, 0.25, 1.0], "values": [0.06, 0.06, 0.04, 0.02]}
+    tubes = read_windio(written(tmp_path, turbine(tower=tower)), SPRINGS).tubes
+    assert {30.0, 50.0} <= {round(tube.top, 9) for tube in tubes}
+    middles = [(tube.bottom + tube.top) / 2 for tube in tubes]
+    diameters = np.interp(middles, [10.0, 50.0, 90.0], [8.0, 6.0, 5.0])
+    walls = np.where(np.less(middles, 30), 0.06, np.interp(middles, [30.0, 90.0], [0.04, 0.02]))
+    assert [tube.diameter for tube in tubes] == pytest.approx(diameters.tolist())
+    assert [tube.thickness for tube in tubes] == pytest.approx(walls.tolist())
+    assert max(tube.length for tube in tubes) < 80 / 12 + 1e-9
+
+
+def test_a_taper_is_cut_where_the_mudline_is(tmp_path: Path) -> None:
+    monopile = shell(-60.0, 10.0, 6.0, 0.06)
+    monopile["outer_shape"]["outer_diameter"] = ends(13.0, 6.0)  # a tenth of a metre a metre
+    path = written(tmp_path, turbine(monopile=monopile))
+    for tube in read_windio(path, SPRINGS, mudline=-25.0).tubes:
+        if tube.top <= 10.0:
+            assert tube.diameter == pytest.approx(7 - (tube.bottom + tube.top) / 20)
+
+
+def test_stations_of_two_tables_that_differ_by_rounding_make_no_sliver(tmp_path: Path) -> None:
+    tower = shell(10.0, 90.0, 5.0, 0.03)
+    tower["reference_axis"]["z"] = {"grid": [0.0, 1 / 3, 1.0], "values": [10.0, 36.667, 90.0]}
+    tower["outer_shape"]["outer_diameter"] = {"grid": [0.0, 0.333, 1.0], "values": [6.0, 6.0, 5.0]}
+    tubes = read_windio(written(tmp_path, turbine(tower=tower)), SPRINGS).tubes
+    assert min(tube.length for tube in tubes) > 1.0
+
+
+def layered(*layers: tuple[str, list[float], list[float]]) -> dict[str, Any]:
+    """A tower of several layers: material, grid and thickness of each."""
+    tower = shell(10.0, 90.0, 5.0, 0.03)
+    tower["structure"]["layers"] = [
+        {"name": f"wall {n}", "material": material, "thickness": {"grid": grid, "values": values}}
+        for n, (material, grid, values) in enumerate(layers, start=1)
+    ]
+    return tower
+
+
+def test_layers_of_one_material_are_one_wall(tmp_path: Path) -> None:
+    tower = layered(("steel", [0, 1], [0.03, 0.03]), ("steel", [0, 0.5, 1], [0.02, 0.02, 0.0]))
+    tubes = read_windio(written(tmp_path, turbine(tower=tower)), SPRINGS).tubes
+    walls = [0.03 + 0.02 * min(1, (90 - (tube.bottom + tube.top) / 2) / 40) for tube in tubes]
+    assert [tube.thickness for tube in tubes] == pytest.approx(walls)
+
+
+@pytest.mark.parametrize(
+    ("tower", "message"),
+    [
+        (
+            layered(("concrete", [0, 1], [0.3, 0.2]), ("steel", [0, 1], [0.03, 0.03])),
+            "the tower has wall 1 of concrete, wall 2 of steel; a tube is of one material",
+        ),
+        (
+            layered(("steel", [0, 1], [0.03, 0.03]), ("steel", [0.2, 0.5], [0.02, 0.02])),
+            "thickness of wall 2 of the tower is stated from 0.2 to 0.5; its grid begins at 0 and",
+        ),
+        (
+            layered(("steel", [0, 0.5, 1], [0.03, 0.03])),
+            r"thickness of wall 1 of the tower has 2 values on the grid \[0.0, 0.5, 1.0\]; each",
+        ),
+        (
+            layered(("steel", [0, 0.5, 0.4, 1], [0.03] * 4)),
+            r"wall 1 of the tower has 4 values on the grid \[0.0, 0.5, 0.4, 1.0\]; each station",
+        ),
+        (layered(), "the tower has no layers; a wall has one or more"),
+        (
+            layered(("wood", [0, 1], [0.3, 0.3])),
+            "the tower is of 'wood', which is not in materials: steel",
+        ),
+        (shell(90.0, 10.0, 5.0, 0.03), r"z of the tower's reference_axis is \[90.0, 10.0\] m on"),
+    ],
+)
+def test_a_wall_that_no_tube_stands_for_is_refused(
+    tmp_path: Path, tower: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(TurbineError, match=message):
+        read_windio(written(tmp_path, turbine(tower=tower)), SPRINGS)
+
+
+def test_a_component_without_content_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(TurbineError, match="no turbine of WindIO 2"):
+        read_windio(written(tmp_path, turbine(yaw=None)), SPRINGS)
