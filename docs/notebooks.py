@@ -12,8 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-FOLDER = Path(__file__).with_name("notebooks")
-ROOT = FOLDER.parents[1]  # where they run: `recordings/parked.mcap` is there
+FOLDER = Path(__file__).with_name("notebooks")  # they run here, as where they are opened
 
 Figures = list[bytes]
 
@@ -42,7 +41,7 @@ def executed(path: Path, *, run: bool = True) -> tuple[str, Figures]:
             continue
         parts.append(f"```python\n{text}\n```")
         if run:
-            with contextlib.chdir(ROOT):
+            with contextlib.chdir(FOLDER):
                 printed, drawn = _run(text, known, path.name)
             parts += [printed] if printed else []
             for png in drawn:

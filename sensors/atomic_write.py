@@ -27,6 +27,16 @@ def written_whole(path: Path, content: bytes) -> None:
             part.unlink(missing_ok=True)
 
 
+def require_writable(folder: Path) -> None:
+    """Make an empty file in a folder and remove it: before long work, not after it.
+
+    Raises OSError where that cannot be: permissions alone do not say it.
+    """
+    trial = folder / f".{secrets.token_hex(6)}.part"
+    trial.open("xb").close()
+    trial.unlink()
+
+
 def sync_folder(folder: Path) -> None:
     """Have the names in a folder survive a power cut. Raises OSError where the disk refuses."""
     descriptor = os.open(folder, os.O_RDONLY)

@@ -24,6 +24,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from sensors.atomic_write import require_writable
 from sensors.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,6 +40,24 @@ class LineConsole(Console):
         sentences = all(isinstance(each, str) for each in objects)
         options.setdefault("soft_wrap", sentences and not self.is_terminal)
         super().print(*objects, **options)
+
+
+def require_place(path: Path, option: str) -> None:
+    """Refuse a file that cannot be written, before the work that it is for.
+
+    Raises
+    ------
+    InputError
+        If its folder is missing or takes no file, or it is a folder itself.
+    """
+    if not path.parent.is_dir():
+        raise InputError(f"{option} {path}: the folder {path.parent} does not exist")
+    if path.is_dir():
+        raise InputError(f"{option} {path} is a folder; a file is needed")
+    try:
+        require_writable(path.parent)
+    except OSError as error:
+        raise InputError(f"{option} {path} cannot be written: {error.strerror}") from error
 
 
 class JsonFormatter(logging.Formatter):

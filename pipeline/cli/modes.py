@@ -14,6 +14,7 @@ from pipeline.cli.console import (
     ZoneOption,
     escape_markup,
     output,
+    require_place,
     stderr,
 )
 from sensors.errors import InputError
@@ -81,8 +82,8 @@ def identify(
     from sensors.files.layout_file import load_layout
     from sensors.files.table import TimeColumn
 
-    if plot is not None and not plot.parent.is_dir():  # before the identification, not after it
-        raise InputError(f"--plot {plot}: the folder {plot.parent} does not exist")
+    if plot is not None:
+        require_place(plot, "--plot")
     file = one_recording(file) if file.is_dir() else file
     try:
         with stderr.status(escape_markup(f"identifying {file}")):

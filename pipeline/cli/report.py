@@ -13,6 +13,7 @@ from pipeline.cli.console import (
     open_view,
     output,
     progress,
+    require_place,
     stderr,
     stop_on_signals,
 )
@@ -36,10 +37,12 @@ def report(
     from pipeline.report.page import write_page
     from pipeline.report.recorded_session import read_session
 
+    page = out or (None if as_json else Path("report.html"))
+    if page is not None:
+        require_place(page, "-o")
     with stderr.status(escape_markup(f"reading {session}")):
         read = read_session(session)
-    if out is not None or not as_json:
-        page = out or Path("report.html")
+    if page is not None:
         with stderr.status(escape_markup(f"drawing {page}")):
             write_page(read, page)
         size = f"{page.stat().st_size / 1e6:.2f} MB"

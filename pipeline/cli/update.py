@@ -26,6 +26,7 @@ from pipeline.cli.console import (
     print_written,
     progress,
     progress_bars,
+    require_place,
     stderr,
 )
 from pipeline.cli.results import print_results
@@ -148,8 +149,7 @@ def calibrate(
 
     if out.exists():
         raise InputError(f"{out} exists; -o names another file")
-    if not out.parent.is_dir():
-        raise InputError(f"{out}: there is no folder {out.parent}")
+    require_place(out, "-o")
     if design is None and design_std is not None:
         raise InputError(f"--design-std {design_std:g} is for --design K11,K22,K12")
     std = DESIGN_STD if design_std is None else design_std

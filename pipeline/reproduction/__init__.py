@@ -1,6 +1,7 @@
 """Run the publication's numerical example end to end: `pilewatch reproduce`.
 
     example         one seed: simulate, identify, update deterministically and by TMCMC
+    listed_modes    the publication's modes among the identified ones, paired blind
     deterministic   the stiffness that brings the model's modes nearest to the identified
     paper           the publication's own figures
     study           seeds and sign conventions, in two processes

@@ -22,6 +22,7 @@ PUBLISHED_STARTS = (0.25, 1.0, 4.0)  # γ of K_init = γ K0, [foundation-updatin
 RATIO_TOLERANCE = 1e-6  # size of the simplex at which it stops [-]
 OBJECTIVE_TOLERANCE = 1e-10  # J between its corners, likewise [-]
 MOST_EVALUATIONS = 4000
+RIGID = 100.0  # ratio k / nominal beyond which a base is as good as rigid: J is flat there [-]
 
 
 class ModalObjective:
@@ -63,6 +64,11 @@ class Descent:
     """Ratios, (3,) [-]."""
     objective: float
     """J at the end [-]."""
+
+    @property
+    def runs_away(self) -> bool:
+        """Whether a spring went on to a rigid one, where J has no finite minimum."""
+        return bool(np.any(self.end > RIGID))
 
 
 def deterministic_update(

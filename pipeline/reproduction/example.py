@@ -6,7 +6,7 @@ paper's sea, wind and 3 % noise ─► SSI-cov ─► paired blind, as the produ
     └─► the same posterior by the corrected sampler, the reference for TMCMC's bias
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from pipeline.messages import ModalEstimate, Mode
 from pipeline.modal_assurance import modal_assurance_criterion
 from pipeline.oma.identification import identify
 from pipeline.reproduction.deterministic import Descent, ModalObjective, deterministic_update
+from pipeline.reproduction.listed_modes import ListedModes, paired_blind
 from pipeline.reproduction.paper import LABELS, SAMPLES
 from pipeline.scenario import Scenario, load_scenario, with_overrides
 from pipeline.sources.sources import simulated_tower
@@ -25,10 +26,9 @@ from pipeline.updating.forward_model import ForwardModel
 from pipeline.updating.likelihood.likelihood import (
     LikelihoodSettings,
     ModalLikelihood,
-    observations,
+    ModeComparison,
 )
-from pipeline.updating.likelihood.pairing import Pairing, PairingSettings
-from pipeline.updating.model_matching import Matcher, laplace_peak
+from pipeline.updating.model_matching import laplace_peak
 from pipeline.updating.prior import Prior, UpdatingError, log_prior_volume, modal_where_supported
 from pipeline.updating.samplers.interface import LogDensity, Peak, PosteriorDraws, Target
 from pipeline.updating.samplers.tmcmc import (
@@ -43,7 +43,8 @@ from sensors.dynamics.modal_model import ModalModel
 from sensors.structure.foundation import SpringSign
 
 SCENARIO = "paper"
-# As the publication has it: no systematic floors, Gaussian errors.
+# As the publication has it: no systematic floors, Gaussian errors, every mode by its frequency and
+# shape. Only the shape's component that Eq. 11 sets to 1 is left out.
 AS_PUBLISHED = LikelihoodSettings(frequency_floor=0.0, shape_floor=0.0, tails="gaussian")
 KEPT_DRAWS = 20_000  # of each posterior, for figures
 # Density evaluations of a run, from runs of seeds 101 to 104: what its progress is counted against
@@ -118,6 +119,15 @@ class ExampleMode:
     """Standard deviation of the identified frequency [Hz]."""
     mac: float
     """MAC with the model's shape at K0 [-]."""
+    shape_deviation: float
+    """Largest error of a component of the shape at K0, over its standard deviation [-]."""
+    unresolved: bool
+    """Whether it belongs to a pair of which the window shows the mean frequency only."""
+
+    @property
+    def frequency_deviation(self) -> float:
+        """Error of the frequency at K0 over its standard deviation [-]."""
+        return abs(self.frequency - self.model_frequency) / self.frequency_std
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,12 +168,22 @@ class Example:
     sign: SpringSign
     modes: tuple[ExampleMode, ...]
     others: int
-    """Number of identified modes beside the eleven."""
+    """Number of identified modes that are other modes of the model."""
+    unpaired: int
+    """Number of identified modes that are paired with no mode of the model."""
     objective_at_truth: float
     """Objective J at the truth K0 [-]."""
     descents: tuple[Descent, ...]
     published: ExamplePosterior
     corrected: ExamplePosterior
+    deviation: float
+    """Root mean square of all compared errors at K0 over their standard deviations [-]."""
+    left_out: str
+    """Label of the mode without which the density's peak is nearest to the truth; "" for none."""
+    without: Peak
+    """Peak of the publication's density without that mode."""
+    own_peak: Peak
+    """Peak of the product's own likelihood of all paired modes."""
 
 
 def run_example(
@@ -193,32 +213,29 @@ def run_example(
     model = ModalModel(scenario.structure, scenario.layout)
     estimate = identified_window(scenario)
     prior = Prior(model.nominal)
-    labelled, start = paired_blind(estimate, model, prior, np.random.default_rng([seed, 3]))
-    if not labelled:
+    listed = paired_blind(estimate, model, prior, np.random.default_rng([seed, 3]))
+    if not listed.found:
         raise UpdatingError(f"seed {seed}: none of the publication's eleven modes was found")
-    labels, known = tuple(labelled), list(labelled.values())
-    objective = ModalObjective(labelled, model)
+    objective = ModalObjective(listed.found, model)
     descents = deterministic_update(objective)
     report(PREPARED)
-    published, corrected = _posteriors(
-        replace(estimate, modes=tuple(known)),
-        labels,
-        model,
-        prior,
-        start,
-        seed,
-        samples,
-        report,
-    )
+    comparison = _Comparison.of(estimate, listed.found, model, prior)
+    published, corrected = _posteriors(comparison, listed.start, seed, samples, report)
+    left_out, without = _nearest_without_one(comparison, estimate, listed, model)
     return Example(
         seed=seed,
         sign=sign,
-        modes=_modes(model, labels, known),
-        others=len(estimate.modes) - len(known),
+        modes=_modes(model, listed.found, comparison),
+        others=listed.others,
+        unpaired=listed.unpaired,
         objective_at_truth=objective(np.ones(3)),
         descents=descents,
         published=published,
         corrected=corrected,
+        deviation=float(np.sqrt(np.mean(np.square(comparison.deviations())))),
+        left_out=left_out,
+        without=without,
+        own_peak=listed.own_peak,
     )
 
 
@@ -235,68 +252,86 @@ def identified_window(scenario: Scenario) -> ModalEstimate:
         end_ns=start_ns + round(scenario.simulation.duration * NANOSECONDS),
         layout_id=scenario.layout.layout_id,
         channels=scenario.layout.channel_names,
-        modes=tuple(
-            replace(mode, name=f"m{number}", pair_id="") for number, mode in enumerate(found.modes)
-        ),
+        modes=tuple(replace(mode, name=f"m{number}") for number, mode in enumerate(found.modes)),
     )
-
-
-def paired_blind(
-    estimate: ModalEstimate, model: ModalModel, prior: Prior, generator: np.random.Generator
-) -> tuple[dict[str, Mode], FloatArray]:
-    """Find the publication's modes among the identified ones as the product does.
-
-    Parameters
-    ----------
-    estimate : ModalEstimate
-        Of the window.
-    model : ModalModel
-        Every mode of which the sensors can see is searched.
-    prior : Prior
-        The search goes over the whole of it.
-    generator : numpy.random.Generator
-        For the search.
-
-    Returns
-    -------
-    dict
-        Label → identified mode, of the eleven that were found, lowest frequency first.
-    ndarray, shape (3,)
-        Ratios k / nominal at which they were paired: where the samplers begin.
-
-    Notes
-    -----
-    The truth is not known to it.
-    """
-    evidence = ModalEvidence(channels=estimate.channels).with_estimate(estimate)
-    matcher = Matcher(
-        model,
-        prior,
-        pairing=PairingSettings(),
-        likelihood=LikelihoodSettings(),
-        generator=generator,
-    )
-    match = matcher.matched(evidence)
-    by_name = {mode.name: mode for mode in estimate.modes}
-    found = {
-        model.labels[partner]: by_name[mode.name]
-        for mode, partner in zip(match.evidence.modes, match.pairing.model_modes, strict=True)
-        if partner >= 0 and model.labels[partner] in LABELS
-    }
-    return found, match.pairing.ratios
 
 
 def _no_report(share: float) -> None:
     """Report nothing."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Comparison:
+    """The found modes beside the model's, as Eq. 9 compares them: each by its own frequency and
+    shape, those of a pair that the window does not separate too."""
+
+    labels: tuple[str, ...]
+    """Of the modes in the likelihood's order."""
+    likelihood: ModalLikelihood
+    forward: ForwardModel
+    prior: Prior
+
+    @classmethod
+    def of(
+        cls, estimate: ModalEstimate, found: Mapping[str, Mode], model: ModalModel, prior: Prior
+    ) -> "_Comparison":
+        apart = replace(estimate, modes=tuple(replace(mode, pair_id="") for mode in found.values()))
+        seen = SeenWindow.of(apart, mode_observations(apart, apart.channels), rise=0.0)
+        evidence = ModalEvidence(channels=apart.channels, joint_covariance=False)
+        evidence = evidence.with_window(replace(seen, weight=1.0, level_known=True))
+        label_of = {mode.name: label for label, mode in found.items()}
+        labels = tuple(label_of[mode.name] for mode in evidence.modes)
+        likelihood = ModalLikelihood(
+            evidence,
+            [ModeComparison(row, (row,), shape_used=True, gap=0.0) for row in range(len(labels))],
+            model_columns=range(len(labels)),
+            settings=AS_PUBLISHED,
+            highest_sigma=prior.settings.highest_sigma,
+        )
+        return cls(labels, likelihood, model.subset(labels), prior)
+
+    def peak(self, start: FloatArray) -> Peak:
+        """Return the density's peak, sought from (3,) ratios k / nominal."""
+        return laplace_peak(self.likelihood, self.forward, self.prior, start)
+
+    def deviations(self) -> FloatArray:
+        """Return the errors at nominal over their std, (p,) [-]."""
+        nominal = self.forward.modal(self.prior.stiffness(np.ones((1, 3))))
+        return np.abs(self.likelihood.whitened(nominal)[0])
+
+    def shape_deviations(self) -> dict[str, float]:
+        """Return the largest of each mode's shape [-]."""
+        rows = self.likelihood.frequency_components
+        of_modes = np.split(self.deviations(), rows[1:])
+        return {
+            label: float(own[1:].max(initial=0.0))
+            for label, own in zip(self.labels, of_modes, strict=True)
+        }
+
+
+def _nearest_without_one(
+    comparison: _Comparison, estimate: ModalEstimate, listed: ListedModes, model: ModalModel
+) -> tuple[str, Peak]:
+    """Leave each mode out in turn: return the one without which the density's peak is nearest to
+    the truth, in stds of the density of all, and that peak; "" where all are better."""
+    every = comparison.peak(listed.start)
+    peaks = {"": every}
+    for label in listed.found if len(listed.found) > 1 else ():
+        others = {each: mode for each, mode in listed.found.items() if each != label}
+        without = _Comparison.of(estimate, others, model, comparison.prior)
+        peaks[label] = without.peak(listed.start)
+    stds = np.sqrt(np.diag(every.covariance))
+    return min(peaks.items(), key=lambda each: float(np.linalg.norm((each[1].ratios - 1) / stds)))
+
+
 def _modes(
-    model: ModalModel, labels: Sequence[str], known: Sequence[Mode]
+    model: ModalModel, found: Mapping[str, Mode], comparison: _Comparison
 ) -> tuple[ExampleMode, ...]:
     at_truth = model.subset(LABELS).modal(model.nominal)
+    deviations = comparison.shape_deviations()
     rows = []
     for row, label in enumerate(LABELS):
-        mode = known[labels.index(label)] if label in labels else None
+        mode = found.get(label)
         mac = float("nan")
         if mode is not None:
             mac = float(
@@ -309,43 +344,22 @@ def _modes(
                 frequency=mode.frequency if mode else float("nan"),
                 frequency_std=mode.frequency_std if mode else float("nan"),
                 mac=mac,
+                shape_deviation=deviations.get(label, float("nan")),
+                unresolved=mode is not None and bool(mode.pair_id),
             )
         )
     return tuple(rows)
 
 
 def _posteriors(
-    estimate: ModalEstimate,
-    labels: Sequence[str],
-    model: ModalModel,
-    prior: Prior,
-    start: FloatArray,
-    seed: int,
-    samples: int,
-    report: ShareReport,
+    comparison: _Comparison, start: FloatArray, seed: int, samples: int, report: ShareReport
 ) -> tuple[ExamplePosterior, ExamplePosterior]:
     """Return the posteriors of the found pairs by TMCMC as published and by the corrected one.
 
     start   (3,) ratios k / nominal at which they were found
     """
-    seen = SeenWindow.of(estimate, mode_observations(estimate, estimate.channels), rise=0.0)
-    evidence = ModalEvidence(channels=estimate.channels, joint_covariance=False)
-    evidence = evidence.with_window(replace(seen, weight=1.0, level_known=True))
-    forward = model.subset(labels)
-    order = {f"m{mode.name[1:]}": place for place, mode in enumerate(estimate.modes)}
-    columns = tuple(order[mode.name] for mode in evidence.modes)
-    pairing = Pairing(start, columns, total_cost=0.0, cost=0.0, paired_share=1.0)
-    frequencies = forward.modal(prior.stiffness(start[None])).frequencies[0]
-    used = observations(evidence, pairing, frequencies, AS_PUBLISHED)
-    likelihood = ModalLikelihood(
-        evidence,
-        used,
-        model_columns=list(range(len(labels))),
-        settings=AS_PUBLISHED,
-        highest_sigma=prior.settings.highest_sigma,
-    )
-    density = PublishedDensity(likelihood, forward, prior)
-    target = density.target(laplace_peak(likelihood, forward, prior, start))
+    density = PublishedDensity(comparison.likelihood, comparison.forward, comparison.prior)
+    target = density.target(comparison.peak(start))
     n_corrected = min(samples, KEPT_DRAWS)
     expected = PUBLISHED_STAGES * samples + CORRECTED_EVALUATIONS * n_corrected
     watched = _Watched(target.log_density, expected, report)

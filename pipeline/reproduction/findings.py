@@ -1,9 +1,11 @@
 """Sentences on what agrees with the publication, what differs and why, computed from the run."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pipeline.reproduction.deterministic import Descent
 from pipeline.reproduction.example import Example, ExampleMode
 from pipeline.reproduction.paper import LABELS, MAP_ERRORS, MAP_SIGMA, TABLE_1, TABLE_2
 from pipeline.reproduction.study import (
@@ -13,11 +15,18 @@ from pipeline.reproduction.study import (
     map_errors,
     n_peaks,
 )
+from pipeline.updating.samplers.interface import Peak
 
+SPRING_NAMES = ("k11", "k22", "k12")
 TEN_MINUTES_RESOLVE = 1 / 600  # of ten minutes [Hz]
 MIXED = 0.012  # modes nearer than this share of f mix in some windows [-]
+GAUSSIAN_90 = 1.645  # half width of a Gaussian's 90 % interval in stds [-]
 STRONG = 0.5  # a correlation from which it is called strong [-]
 ALIKE_MEANS = 0.05  # two figures that differ by less are called alike, relative
+SEPARATED = 0.9  # MAC from which a mode's shape is its own [-]
+# rms of errors over their stds from which these are not the whole error: of some 60 Gaussian errors
+# it would lie .09 about 1 [-]
+TOO_NARROW = 1.2
 LIKE_TABLE_1 = 1.5  # rms of the model's frequencies to the printed ones, by which it is theirs [%]
 
 
@@ -34,6 +43,7 @@ def findings(study: Study) -> list[str]:
         _objective(example),
         _descents(example),
         _map(example),
+        *_intervals(study),
         _sampler_bias(example),
         _correlation(example),
         _sign(study),
@@ -65,7 +75,8 @@ def _modes_found(example: Example) -> str:
     found = len(LABELS) - len(missing)
     text = (
         f"Of the eleven modes {found} were found in this window, and {example.others} others of "
-        "the model, which the publication does not list."
+        "the model, which the publication does not list; the remaining "
+        f"{example.unpaired} identified modes are paired with no mode of the model."
     )
     reasons = [f"Not mode {mode.label}: {_why_missing(mode, example)}." for mode in missing]
     return " ".join([text, *reasons])
@@ -99,14 +110,25 @@ def _shapes(example: Example) -> str:
             "here, so their shapes are not compared."
         )
     text = f"MAC of the side-side modes ({'; '.join(pairs)})."
-    printed = {mode.label: mode.mac for mode in TABLE_1}
-    better = [label for label in ("1", "4") if ours[label] > printed[label] + 0.1]
-    if len(better) == len(pairs):
+    side_side = [mode for mode in example.modes if mode.label in ("1", "4")]
+    apart = [m.label for m in side_side if m.mac >= SEPARATED and not m.unresolved]
+    if apart:
         text += (
-            " Here they are separated from their fore-aft neighbours; the printed values are what "
-            "one gets where they are not."
+            f" {_modes_named(apart)} separated here from the fore-aft neighbour; the printed "
+            "values are what one gets where they are not."
+        )
+    mixed = [mode.label for mode in side_side if mode.unresolved]
+    if mixed:
+        text += (
+            f" {_modes_named(mixed)} not separated here from its neighbour: of the two the window "
+            "shows the mean frequency, and each shape is some mixture of both."
         )
     return text
+
+
+def _modes_named(labels: Sequence[str]) -> str:
+    """Return "Mode 1 is" or "Modes 1 and 4 are"."""
+    return f"Mode {labels[0]} is" if len(labels) == 1 else f"Modes {' and '.join(labels)} are"
 
 
 def _objective(example: Example) -> str:
@@ -121,26 +143,42 @@ def _objective(example: Example) -> str:
 
 def _descents(example: Example) -> str:
     ends = "; ".join(
-        f"γ = {d.start[0]:g} ends at J = {d.objective:.3f} with errors "
-        + ", ".join(f"{100.0 * (r - 1):+.1f}" for r in d.end)
-        + " %"
+        f"γ = {d.start[0]:g} ends at J = {d.objective:.3f} with errors {_end_errors(d)} %"
+        if not d.runs_away
+        else f"γ = {d.start[0]:g} runs away to rigid springs at J = {d.objective:.3f}"
         for d in example.descents
     )
-    printed = "; ".join(f"γ = {row.start:g}: J = {row.objective:g}" for row in TABLE_2)
+    printed = "; ".join(
+        f"γ = {row.start:g}: J = {row.objective:g}, "
+        + " ".join(f"{error:+.0f}" for error in row.errors)
+        + " %"
+        for row in TABLE_2
+    )
     return (
         f"Nelder and Mead's simplex from three starts: {ends}. Printed: {printed}. "
         f"{_of_the_starts(example)}"
     )
 
 
+def _end_errors(descent: Descent) -> str:
+    return ", ".join(f"{100.0 * (ratio - 1):+.1f}" for ratio in descent.end)
+
+
 def _of_the_starts(example: Example) -> str:
-    ends = np.array([descent.end for descent in example.descents])
-    if np.all(np.ptp(ends, axis=0) < ALIKE_MEANS):
+    away = [f"γ = {descent.start[0]:g}" for descent in example.descents if descent.runs_away]
+    ends = np.array([d.end for d in example.descents if not d.runs_away])
+    if not away and np.all(np.ptp(ends, axis=0) < ALIKE_MEANS):
         return "Other than there, all starts end at one place."
-    return (
+    text = (
         "As there, the end depends on the start; the lowest here is that of "
         f"γ = {lowest_start(example):g}."
     )
+    if away:
+        text += (
+            f" From {' and '.join(away)} J falls towards a rigid base and has no minimum on the "
+            "way: where the simplex stops there is chance."
+        )
+    return text
 
 
 def _map(example: Example) -> str:
@@ -152,9 +190,79 @@ def _map(example: Example) -> str:
         + ", ".join(f"{100.0 * std:.1f}" for std in example.corrected.stds)
         + f" %. σ is {example.published.highest[3]:.1e} at the MAP draw, printed {MAP_SIGMA:.1e}: "
         "Eq. 11 sets each shape's largest component to 1, which has no variance; left in Eq. 9 it "
-        "drives σ to zero, so it is dropped here. The 95 % bound of σ is "
+        "drives σ to zero, so it is dropped here; frequency and all other components of each found "
+        "mode enter, as in Eq. 9, with no error beside SSI-cov's own and σ. The 95 % bound of σ is "
         f"{np.quantile(example.corrected.draws[:, 3], 0.95):.1e}."
     )
+
+
+def _intervals(study: Study) -> list[str]:
+    """Return, for each sign, whether the first seed's intervals hold the truth, and if not why."""
+    seed = study.first.seed
+    return [_intervals_of(each) for each in study.examples if each.seed == seed]
+
+
+def _intervals_of(example: Example) -> str:
+    covers = example.corrected.covers
+    held = [name for name, inside in zip(SPRING_NAMES, covers, strict=True) if inside]
+    missed = [name for name, inside in zip(SPRING_NAMES, covers, strict=True) if not inside]
+    means = 100.0 * (example.corrected.draws[:, :3].mean(axis=0) - 1)
+    head = (
+        f"The truth is known here. Seed {example.seed}, {example.sign} sign: means of k11, k22, "
+        f"k12 {_signed(means)} % off it, stds {_plain(100.0 * example.corrected.stds)} %; "
+    )
+    if not missed:
+        return f"{head}the 90 % intervals of all three springs hold it."
+    some = f"hold it for {_listed(held)}, not for" if held else "miss it for"
+    return f"{head}the 90 % intervals {some} {_listed(missed)}. {_why_missed(example)}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return "a", "a and b" or "a, b and c"."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _why_missed(example: Example) -> str:
+    """Return how far the identified modes are from the truth, and what one of them does."""
+    found = [mode for mode in example.modes if np.isfinite(mode.frequency)]
+    far = max(found, key=lambda each: max(each.shape_deviation, each.frequency_deviation))
+    what = "shape" if far.shape_deviation >= far.frequency_deviation else "frequency"
+    text = (
+        "At the truth the compared frequencies and shapes are off by "
+        f"{example.deviation:.1f} of their SSI-cov standard deviations rms (1 if these were the "
+        f"whole error), most the {what} of mode {far.label}, by "
+        f"{max(far.shape_deviation, far.frequency_deviation):.1f}. "
+    )
+    if example.deviation > TOO_NARROW:
+        text += "Eq. 9 takes them for the whole error, and Gaussian. "
+    if example.left_out:
+        text += (
+            f"Of the modes left out in turn, it is mode {example.left_out} without which the peak "
+            f"is nearest to it: {_errors_of(example.without)}. "
+        )
+    return (
+        f"{text}pilewatch's own likelihood, of all paired modes, with floors and heavy tails, has "
+        f"its peak at {_errors_of(example.own_peak)} off the truth."
+    )
+
+
+def _errors_of(peak: Peak) -> str:
+    stds = 100.0 * np.sqrt(np.diag(peak.covariance))
+    return f"{_signed(100.0 * (peak.ratios - 1))} % (stds {_plain(stds)} %)"
+
+
+def _holds(peak: Peak) -> NDArray[np.bool_]:
+    """Whether each 90 % interval of a peak contains the truth; shape (3,)."""
+    return np.abs(peak.ratios - 1) <= GAUSSIAN_90 * np.sqrt(np.diag(peak.covariance))
+
+
+def _signed(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:+.1f}" for value in values)
+
+
+def _plain(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:.1f}" for value in values)
 
 
 def _sampler_bias(example: Example) -> str:
@@ -205,6 +313,13 @@ def _sign(study: Study) -> str:
     if rms["published"] < min(LIKE_TABLE_1, rms["embedded"]):
         text += ": taken literally it reproduces Table 1"
     figures = ", ".join(f"{each:.1f}" for each in ratio)
+    misses = [e.sign for e in (study.first, other[0]) if not e.corrected.covers.all()]
+    if misses:
+        return (
+            f"{text}. Stds with the pile's sign over those with the printed one: {figures}. How "
+            "much less sharply the springs are known is not concluded from them: intervals of the "
+            f"{' and the '.join(misses)} sign miss the truth."
+        )
     if np.all(ratio > 1 + ALIKE_MEANS):
         return (
             f"{text}. With the pile's sign k11, k22 and k12 are known {figures} times less sharply."
@@ -227,6 +342,10 @@ def over_seeds(examples: Sequence[Example]) -> list[tuple[str, str]]:
         ("MAP error of k11 / k22 / k12, median [%]", three(np.median(errors, axis=0))),
         ("worst [%]", three(errors.max(axis=0))),
         ("90 % intervals that contain the truth", three(covers.sum(axis=0), "{:d}")),
+        (
+            "of pilewatch's own likelihood, Gaussian at its peak",
+            three(np.array([_holds(example.own_peak) for example in examples]).sum(axis=0), "{:d}"),
+        ),
         ("correlations, median", three(np.median(correlations, axis=0))),
         ("smallest correlation of any seed", f"{correlations.min():.2f}"),
         ("seeds with a single peak", str(sum(n_peaks(e.corrected) == 1 for e in examples))),

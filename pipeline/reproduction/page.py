@@ -18,10 +18,12 @@ from pipeline.report.html import (
     png,
     table_html,
 )
+from pipeline.reproduction.deterministic import RIGID
 from pipeline.reproduction.example import Example
 from pipeline.reproduction.findings import findings, over_seeds
 from pipeline.reproduction.paper import MAP_ERRORS, MAP_SIGMA, TABLE_1, TABLE_2
 from pipeline.reproduction.study import Study, map_errors
+from sensors.atomic_write import require_writable
 from sensors.errors import InputError
 
 TITLE = "The publication's numerical example, run again"
@@ -63,12 +65,15 @@ def prepared_folder(folder: Path) -> None:
     Raises
     ------
     InputError
-        If a file has its name, or it cannot be made.
+        If a file has its name, it cannot be made, or nothing can be written into it.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        require_writable(folder)
     except OSError as error:
-        raise InputError(f"--out {folder}: {error.strerror}; a folder is needed") from error
+        raise InputError(
+            f"--out {folder}: {error.strerror}; a folder to write to is needed"
+        ) from error
 
 
 def table1(example: Example) -> TextTable:
@@ -104,7 +109,7 @@ def table2(study: Study) -> TextTable:
         rows.append((name, "printed", *errors, f"{printed.objective:.3f}", ""))
         for example in _first_of_each_sign(study):
             descent = example.descents[place]
-            errors = tuple(f"{100.0 * (ratio - 1):+.2f}" for ratio in descent.end)
+            errors = tuple(_error_at_end(ratio) for ratio in descent.end)
             rows.append((name, example.sign, *errors, f"{descent.objective:.3f}", ""))
     errors = tuple(f"{error:+.2f}" for error in MAP_ERRORS)
     rows.append(("MAP, TMCMC", "printed", *errors, "", f"{MAP_SIGMA:.2e}"))
@@ -113,6 +118,10 @@ def table2(study: Study) -> TextTable:
         sigma = f"{example.published.highest[3]:.2e}"
         rows.append(("MAP, TMCMC", example.sign, *errors, "", sigma))
     return TextTable(f"Table 2, seed {study.first.seed}", head, tuple(rows))
+
+
+def _error_at_end(ratio: float) -> str:
+    return "to rigid" if ratio > RIGID else f"{100.0 * (ratio - 1):+.2f}"
 
 
 def _first_of_each_sign(study: Study) -> list[Example]:

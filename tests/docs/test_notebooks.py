@@ -1,5 +1,6 @@
 """The notebooks run from top to bottom, and each draws or prints something."""
 
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -55,6 +56,35 @@ def assert_runs(runner: ModuleType, path: Path) -> None:
     assert "```text" in text or figures
     assert all(png.startswith(b"\x89PNG") for png in figures)
     assert "outputs" not in text
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_finds_its_files_where_it_is_opened(path: Path) -> None:
+    """Opened in a notebook server it runs in its own folder."""
+    for named in re.findall(r"[\w./-]+\.(?:mcap|csv|toml)\b", path.read_text("utf-8")):
+        assert (path.parent / named).is_file(), named
+
+
+def test_what_is_said_of_the_broken_records_is_so(runner: ModuleType) -> None:
+    text, _ = runner.executed(ROOT / "docs" / "notebooks" / "data_quality.ipynb")
+    printed = re.findall(r"^(\w+) +<Modes: (.*)>$", text, flags=re.MULTILINE)
+    found = dict(printed)
+    assert all("none in 0 windows, 1 rejected" in found[name] for name in ("missing", "constant"))
+    assert found["noise"] == "none in 1 window"
+    assert found["sound"].startswith("2 in")
+    assert found["clipped"].partition(": ")[2].startswith("0.7998, 2.106, 2.399")
+    assert "clipped - ch1" in text
+
+
+def test_damping_is_as_uncertain_as_is_said(runner: ModuleType) -> None:
+    """An eighth to a third of itself, by the notebook's own table."""
+    text, _ = runner.executed(ROOT / "docs" / "notebooks" / "own_array.ipynb")
+    rows = re.findall(r"<tr>\s*<th>m\d</th>(.*?)</tr>", text, flags=re.DOTALL)
+    figures = [[float(x) for x in re.findall(r"<td>(.*?)</td>", row)] for row in rows]
+    shares = [std / damping for _, _, damping, std, *_ in figures]
+    assert len(shares) == 3
+    assert 0.11 < min(shares) < 0.14
+    assert 0.3 < max(shares) < 0.37
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -182,12 +182,19 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("calibrate short.mcap --design 1e9,1e11", "three numbers are needed"),
     ("calibrate short.mcap --design 1e9,1e11,1e12", "not positive definite"),
     ("calibrate short.mcap -o noise.csv", "noise.csv exists"),
-    ("calibrate short.mcap -o nowhere/x.toml", "there is no folder nowhere"),
+    ("calibrate short.mcap -o nowhere/x.toml", "the folder nowhere does not exist"),
     ("calibrate short.mcap --scenario parked", "taken as exact"),
     # reproduce
     ("reproduce --seeds 0", "--seeds is 0"),
     ("reproduce --seeds many", "a whole number is needed"),
     ("reproduce --out noise.csv", "noise.csv"),
+    # an output that cannot be written is named before the work begins, which would fail otherwise
+    ("reproduce --out /proc", "--out /proc: No such file or directory"),
+    ("report gone.mcap -o nowhere/a.html", "-o nowhere/a.html: the folder nowhere does not exist"),
+    ("report gone.mcap -o empty", "-o empty is a folder; a file is needed"),
+    ("report gone.mcap -o /proc/a.html", "-o /proc/a.html cannot be written"),
+    ("identify gone.csv --plot /proc/a.png", "--plot /proc/a.png cannot be written"),
+    ("calibrate gone.mcap -o /proc/a.toml", "-o /proc/a.toml cannot be written"),
     # feed
     ("feed tower", "tower"),
     ("feed udp://127.0.0.1:0 --for 0", "--for 0"),

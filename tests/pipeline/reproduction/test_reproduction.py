@@ -12,7 +12,7 @@ import pytest
 from pipeline.reproduction import example as reproduction
 from pipeline.reproduction.example import Example, PublishedDensity, run_example
 from pipeline.reproduction.findings import findings, over_seeds
-from pipeline.reproduction.page import write_report
+from pipeline.reproduction.page import prepared_folder, table2, write_report
 from pipeline.reproduction.paper import LABELS, TABLE_1
 from pipeline.reproduction.study import Study, lowest_start, n_peaks
 from pipeline.updating.likelihood.likelihood import LikelihoodSettings
@@ -153,12 +153,19 @@ def test_many_seeds_are_in_one_table(study: Study) -> None:
     table = dict(over_seeds(study.of("published")))
     assert table["found, modes 1 to 11"].count(" ") == 10
     assert table["seeds with a single peak"] == "2"
+    assert table["of pilewatch's own likelihood, Gaussian at its peak"] == "2 / 2 / 2"
 
 
 def test_a_report_that_cannot_be_written_is_one_clear_line(study: Study, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"a folder is needed"):
+    with pytest.raises(InputError, match=r"a folder to write to is needed"):
         write_report(study, tmp_path / "file")
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder that takes no file")
+def test_a_folder_that_takes_no_file_is_refused_before_the_study() -> None:
+    with pytest.raises(InputError, match=r"--out /proc: .* a folder to write to is needed"):
+        prepared_folder(Path("/proc"))
 
 
 def with_correlation(example: Example, value: float) -> Example:
@@ -205,6 +212,117 @@ def test_a_pile_sign_that_knows_as_much_is_not_said_to_know_less(example: Exampl
     text = said_of(example, replace(example, sign="embedded-pile"))
     assert "less sharply" not in text
     assert "taken literally it reproduces" not in text  # both signs fit alike: the same model
+
+
+def with_draws(example: Example, middle: float, std: float) -> Example:
+    """The example with springs at some ratio to the truth, so well known."""
+    draws = example.corrected.draws.copy()
+    draws[:, :3] = np.random.default_rng(9).normal(middle, std, draws[:, :3].shape)
+    return replace(example, corrected=replace(example.corrected, draws=draws))
+
+
+def test_each_sign_states_with_one_seed_whether_its_intervals_hold(example: Example) -> None:
+    pile = replace(with_draws(example, 1.0, 0.2), sign="embedded-pile")
+    text = said_of(with_draws(example, 1.0, 0.01), pile)
+    for sign in ("published", "embedded-pile"):
+        assert f"Seed 101, {sign} sign: means of k11, k22, k12" in text
+    assert text.count("the 90 % intervals of all three springs hold it") == 2
+    assert "times less sharply" in text
+
+
+def test_a_sign_whose_intervals_miss_is_not_said_to_know_less(example: Example) -> None:
+    pile = replace(with_draws(example, 0.7, 0.04), sign="embedded-pile")
+    text = said_of(with_draws(example, 1.0, 0.01), pile)
+    assert "the 90 % intervals miss it for k11, k22 and k12" in text
+    assert "times less sharply" not in text
+    assert "is not concluded from them: intervals of the embedded-pile sign miss" in text
+
+
+@pytest.mark.parametrize(
+    ("shape", "frequency", "said"),
+    [
+        (9.1, 0.5, "most the shape of mode 6, by 9.1"),
+        (1.0, 8.2, "most the frequency of mode 6, by 8.2"),
+    ],
+)
+def test_why_intervals_miss_is_read_off_the_identified_modes(
+    example: Example, shape: float, frequency: float, said: str
+) -> None:
+    modes = [
+        replace(
+            mode,
+            shape_deviation=shape,
+            frequency=mode.model_frequency + frequency * mode.frequency_std,
+        )
+        if mode.label == "6"
+        else mode
+        for mode in example.modes
+    ]
+    missed = replace(with_draws(example, 0.8, 0.02), modes=tuple(modes), left_out="6")
+    text = said_of(replace(missed, deviation=1.7))
+    assert said in text
+    assert "off by 1.7 of their SSI-cov standard deviations rms" in text
+    assert "Eq. 9 takes them for the whole error" in text
+    assert "it is mode 6 without which the peak is nearest to it" in text
+    assert "pilewatch's own likelihood" in text
+    honest = said_of(replace(missed, deviation=1.0, left_out=""))
+    assert "whole error, and" not in honest
+    assert "left out in turn" not in honest
+
+
+def test_the_mode_that_is_left_out_brings_the_peak_nearer(example: Example) -> None:
+    assert example.deviation > 1
+    assert example.without.ratios == pytest.approx(np.ones(3), abs=0.05)
+    assert example.own_peak.ratios == pytest.approx(np.ones(3), abs=0.05)
+    every = np.abs(example.corrected.draws[:, :3].mean(axis=0) - 1).max()
+    assert np.abs(example.without.ratios - 1).max() <= every + 0.005
+
+
+def test_modes_of_a_pair_are_listed_and_not_called_separated(example: Example) -> None:
+    """Of seed 101 modes 1 and 2 are a pair: one shape is a good one by chance."""
+    first, second = example.modes[:2]
+    assert np.isfinite([first.frequency, second.frequency]).all()
+    assert first.unresolved
+    assert second.unresolved
+    text = said_of(example)
+    assert "Mode 4 is separated here" in text
+    assert "Mode 1 is not separated here" in text
+
+
+@pytest.mark.parametrize(("mac", "separated"), [(0.15, False), (0.45, False), (0.95, True)])
+def test_a_mode_is_called_separated_by_its_own_shape(
+    example: Example, mac: float, separated: bool
+) -> None:
+    modes = tuple(
+        replace(mode, mac=mac, unresolved=False) if mode.label in ("1", "4") else mode
+        for mode in example.modes
+    )
+    text = said_of(replace(example, modes=modes))
+    assert ("Modes 1 and 4 are separated here" in text) == separated
+    assert "not separated" not in text
+
+
+def test_identified_modes_without_a_partner_are_not_said_to_be_the_models(
+    example: Example,
+) -> None:
+    text = said_of(replace(example, others=23, unpaired=8))
+    assert "23 others of the model" in text
+    assert "the remaining 8 identified modes are paired with no mode of the model" in text
+
+
+def test_a_start_that_runs_away_is_said_to_and_has_no_percents(example: Example) -> None:
+    first, second, third = example.descents
+    away = replace(third, end=np.array([1e8, 4e6, 3e7]))
+    ran = replace(example, descents=(first, second, away))
+    text = said_of(ran)
+    assert "γ = 4 runs away to rigid springs at J = " in text
+    assert "+223 +337 +366 %" in text
+    assert "From γ = 4 J falls towards a rigid base" in text
+    rows = [row for row in table2(Study((ran,), SAMPLES)).rows if "γ = 4" in row[0]]
+    assert rows[1][2:5] == ("to rigid",) * 3
+    assert rows[0][2] == "+222.79"
+    kept = replace(third, end=np.array([4.0, 4.5, 4.2]))
+    assert "runs away" not in said_of(replace(example, descents=(first, second, kept)))
 
 
 def test_why_a_mode_is_missing_is_read_off_the_models_frequencies(example: Example) -> None:
