@@ -20,7 +20,9 @@ from sensors.intervals import Intervals
 
 logger = logging.getLogger(__name__)
 
-START_TIMEOUT = 60.0  # for every node to be ready [s]; a cold process imports for seconds
+# For every node to be ready [s]: one that ends is noticed at once, and a cold process of a machine
+# with much else to do imports for a minute.
+START_TIMEOUT = 300.0
 FIRST_BLOCK_TIMEOUT = 60.0  # for every node to acknowledge the first block [s]
 LAYOUT_TIMEOUT = 10.0  # for every node to have a new layout, before the source goes on [s]
 GIVEN_UP_AFTER = 30.0  # of quiet, what has not arrived; a cut link comes back in seconds [s]
