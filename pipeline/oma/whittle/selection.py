@@ -26,6 +26,7 @@ NEEDED_EVIDENCE = 3.0  # that a further mode must bring, ln of the Bayes factor 
 WORTH_A_TRY = 10.0  # rise of ln p that whitened lines promise before a mode more is fitted [nats]
 
 
+FEWEST_LINES = 12  # of a band: fewer say nothing of a background
 NEIGHBOUR_WIDTHS = 3.0  # half bandwidths that a band ends short of a neighbour,
 NEIGHBOUR_LINES = 2.0  # and lines more
 
@@ -120,7 +121,8 @@ def best_fit(
 def _short_of(
     position: float, band: NarrowBand, needed: Needed, half_width: float
 ) -> NarrowBand | None:
-    """The band as far as a neighbour leaves it alone; None where that cuts off nothing.
+    """The band as far as a neighbour leaves it alone; None where that cuts off nothing, or leaves
+    too few lines: of what is needed a rotor's harmonics may have taken them.
 
     position   of the neighbour [lines]
     """
@@ -131,7 +133,7 @@ def _short_of(
         chosen = band.numbers >= min(position + clear, needed.low)
     else:
         chosen = band.numbers <= max(position - clear, needed.high)
-    return None if chosen.all() else band.only(chosen)
+    return None if chosen.all() or chosen.sum() < FEWEST_LINES else band.only(chosen)
 
 
 def strongest(band: NarrowBand, half_width: float) -> CloseModes:

@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
-from pipeline.oma.whittle.selection import Needed, best_fit, strongest
+from pipeline.oma.whittle.selection import FEWEST_LINES, Needed, best_fit, strongest
 from pipeline.oma.whittle.spectral_model import expected_matrices
 from tests.pipeline.oma.conftest import structure
 from tests.pipeline.oma.whittle.test_spectral_model import two_modes
@@ -63,3 +63,17 @@ def test_a_mode_begins_with_the_power_that_the_lines_have_at_its_resonance(
     expected = expected_matrices(modes, modes.positions)[0] - modes.noise
     assert modes.shapes[:, 0] == pytest.approx(shape, rel=1e-3)
     assert expected == pytest.approx(power * np.outer(shape, shape), rel=0.01)
+
+
+@pytest.mark.parametrize("beyond", [0, 5])
+def test_a_band_whose_own_lines_a_rotor_took_is_not_cut_to_nothing(beyond: int) -> None:
+    """The strongest mode lies below what is needed, of which harmonics left few lines or none."""
+    known = structure([0.3], 0.01, np.array([[1.0, 0.6, -0.4]]))
+    samples = known.ambient_response(sampling_rate=RATE, duration=DURATION, seed=5)
+    left = np.ones(len(samples) // 2 + 1)
+    left[200:300] = 0.0
+    left[300 + beyond :] = 0.0
+    spectrum = WindowSpectrum(samples - samples.mean(axis=0), RATE, left=left)
+    band = spectrum.band(0.2, 0.6)
+    found = best_fit(band, Needed(240.0, 280.0), most_modes=2, half_width=2.0, one_colour=False)
+    assert found is None or len(found.band.numbers) >= FEWEST_LINES
