@@ -16,7 +16,7 @@ from pipeline.oma.settings import OmaSettings
 from pipeline.oma.whittle.fit import WhittleFit, covariance_root, modes_of_fit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
 from pipeline.oma.whittle.pair_axes import along_axes, along_perpendicular_axes
-from pipeline.oma.whittle.selection import FEWEST_LINES, Needed, best_fit, left_unexplained
+from pipeline.oma.whittle.selection import FEWEST_BAND_LINES, Needed, best_fit, left_unexplained
 from sensors.arrays import FloatArray
 
 REACH_LINES = 30.0  # of a band beyond its group, so that a flat background is resolved from a mode,
@@ -125,7 +125,7 @@ def band_of(group: Group, spectrum: WindowSpectrum, others: Sequence[Suspect]) -
     n_lines = (high - low) * T
     together = max(1, int(min(n_lines / MOST_BINS, width * T / FEWEST_BINS_A_WIDTH)))
     band = spectrum.band(low, high, together)
-    return band if len(band.numbers) >= FEWEST_LINES else None
+    return band if len(band.numbers) >= FEWEST_BAND_LINES else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

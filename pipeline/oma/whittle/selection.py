@@ -26,7 +26,7 @@ NEEDED_EVIDENCE = 3.0  # that a further mode must bring, ln of the Bayes factor 
 WORTH_A_TRY = 10.0  # rise of ln p that whitened lines promise before a mode more is fitted [nats]
 
 
-FEWEST_LINES = 12  # of a band: fewer say nothing of a background
+FEWEST_BAND_LINES = 12  # of a band: fewer say nothing of a background
 NEIGHBOUR_WIDTHS = 3.0  # half bandwidths that a band ends short of a neighbour,
 NEIGHBOUR_LINES = 2.0  # and lines more
 
@@ -133,7 +133,7 @@ def _short_of(
         chosen = band.numbers >= min(position + clear, needed.low)
     else:
         chosen = band.numbers <= max(position - clear, needed.high)
-    return None if chosen.all() or chosen.sum() < FEWEST_LINES else band.only(chosen)
+    return None if chosen.all() or chosen.sum() < FEWEST_BAND_LINES else band.only(chosen)
 
 
 def strongest(band: NarrowBand, half_width: float) -> CloseModes:

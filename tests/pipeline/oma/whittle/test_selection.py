@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.oma.whittle.fit import WhittleFit
 from pipeline.oma.whittle.narrow_band import NarrowBand, WindowSpectrum
-from pipeline.oma.whittle.selection import FEWEST_LINES, Needed, best_fit, strongest
+from pipeline.oma.whittle.selection import FEWEST_BAND_LINES, Needed, best_fit, strongest
 from pipeline.oma.whittle.spectral_model import expected_matrices
 from tests.pipeline.oma.conftest import structure
 from tests.pipeline.oma.whittle.test_spectral_model import two_modes
@@ -76,4 +76,4 @@ def test_a_band_whose_own_lines_a_rotor_took_is_not_cut_to_nothing(beyond: int) 
     spectrum = WindowSpectrum(samples - samples.mean(axis=0), RATE, left=left)
     band = spectrum.band(0.2, 0.6)
     found = best_fit(band, Needed(240.0, 280.0), most_modes=2, half_width=2.0, one_colour=False)
-    assert found is None or len(found.band.numbers) >= FEWEST_LINES
+    assert found is None or len(found.band.numbers) >= FEWEST_BAND_LINES
