@@ -34,8 +34,7 @@ def model() -> ModalModel:
 
 
 def window_of(model: ModalModel) -> ModalEstimate:
-    """The model's modes at nominal; modes 1 and 2 a pair at .1504 Hz in wrong order, 4 % too low,
-    as of seed 101 in the embedded-pile sign, and a strange one."""
+    """The model's modes at nominal, modes 1 and 2 a pair in the wrong order, and a strange one."""
     at = model.modal(model.nominal)
     frequencies, shapes = at.frequencies[0], at.shapes[0]
     modes = [mode_of(number, frequencies[number], shapes[number]) for number in range(2, N_MODES)]
@@ -69,7 +68,8 @@ def test_every_identified_mode_is_counted_once(listed: ListedModes) -> None:
 def test_a_pair_off_by_more_than_the_search_allows_does_not_lead_it_away(
     model: ModalModel,
 ) -> None:
-    """A wave made one mode of two: as sharp ones they would take the springs with them."""
+    """A wave made one mode of two, 4 % too low, as of seed 101 in the embedded-pile sign: as sharp
+    ones they would take the springs with them."""
     window = window_of(model)
     low = [replace(mode, frequency=0.1504) if mode.pair_id else mode for mode in window.modes]
     prior = Prior(model.nominal)

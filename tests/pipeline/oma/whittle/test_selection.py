@@ -65,14 +65,12 @@ def test_a_mode_begins_with_the_power_that_the_lines_have_at_its_resonance(
     assert expected == pytest.approx(power * np.outer(shape, shape), rel=0.01)
 
 
-@pytest.mark.parametrize("beyond", [0, 5])
-def test_a_band_whose_own_lines_a_rotor_took_is_not_cut_to_nothing(beyond: int) -> None:
-    """The strongest mode lies below what is needed, of which harmonics left few lines or none."""
+def test_a_band_whose_own_lines_a_rotor_took_is_not_cut_to_nothing() -> None:
+    """The strongest mode lies below what is needed, of which harmonics left no line."""
     known = structure([0.3], 0.01, np.array([[1.0, 0.6, -0.4]]))
     samples = known.ambient_response(sampling_rate=RATE, duration=DURATION, seed=5)
     left = np.ones(len(samples) // 2 + 1)
-    left[200:300] = 0.0
-    left[300 + beyond :] = 0.0
+    left[200:] = 0.0
     spectrum = WindowSpectrum(samples - samples.mean(axis=0), RATE, left=left)
     band = spectrum.band(0.2, 0.6)
     found = best_fit(band, Needed(240.0, 280.0), most_modes=2, half_width=2.0, one_colour=False)
