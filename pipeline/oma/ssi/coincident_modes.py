@@ -34,6 +34,10 @@ TOLD_APART_FROM = (
     3.0  # half bandwidth from which mean frequencies tell two directions apart [lines]
 )
 APART_WIDTHS = 3.0  # half bandwidths to either side of the lines that do
+SEEN_OF_DISTANCE = (
+    0.76  # of two resonances' distance, what the means of their power within a reach R show:
+)
+# 1 − R / ((1 + R²) atan R) of a Lorentzian, at three half bandwidths [-]
 LARGEST_ANGLE = 0.5  # std of the turn between directions that are known apart [rad]
 
 
@@ -105,6 +109,19 @@ def _in_a_plane(shapes: NDArray[np.complexfloating]) -> bool:
     return len(values) < 3 or bool(values[2] <= FLAT_SHAPE * values[0])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """The two directions that shake at a frequency."""
+
+    shape: FloatArray
+    """Of the stronger one, (n_channels,), its largest component 1, in the samples' units."""
+    partner: Partner
+    """The weaker one."""
+    half_distance: float = 0.0
+    """Of the two resonances by the mean frequencies of their power; 0 where the window is too
+    short for these [Hz]."""
+
+
 class NarrowBandSpectrum:
     """Spectral matrices of a window in bands a few lines wide, with accelerations' phases."""
 
@@ -119,29 +136,30 @@ class NarrowBandSpectrum:
         self._integrations = np.zeros(samples.shape[1]) if integrations is None else integrations
         self._lines = fft.rfft(samples / self._scales * taper, axis=0) * 1j**self._integrations
 
-    def plane_at(self, frequency: float, half_width: float) -> tuple[FloatArray, Partner] | None:
-        """The two directions that shake within so many lines of a frequency, the stronger one's
-        shape in the samples' units; None where there are not just two."""
+    def plane_at(self, frequency: float, half_width: float) -> Plane | None:
+        """The two directions that shake within so many lines of a frequency; None where there are
+        not just two."""
         values, vectors = np.linalg.eigh(self._matrix(frequency, 0, half_width))
         first, second, third = values[-1], values[-2], max(values[-3], np.finfo(float).tiny)
         if second < ABOVE_REST * third:
             return None
         scales = self._scales * (2 * np.pi * frequency) ** self._integrations
-        axes, turn = vectors[:, [-1, -2]] * np.sqrt([first, second]), None
+        axes, turn, apart = vectors[:, [-1, -2]] * np.sqrt([first, second]), None, 0.0
         if half_width >= TOLD_APART_FROM:
-            told_apart, angle = self._told_apart(axes, frequency, APART_WIDTHS * half_width)
+            told_apart, angle, apart = self._told_apart(axes, frequency, APART_WIDTHS * half_width)
             if angle < LARGEST_ANGLE:
                 axes, turn = told_apart, angle
         stronger, weaker = sorted((axes * scales[:, None]).T, key=lambda axis: -float(axis @ axis))
         share = float(weaker @ weaker / (stronger @ stronger)) if turn else float(second / first)
         shape = stronger / stronger[np.argmax(np.abs(stronger))]
-        return shape, Partner(weaker, share, float(third / second), turn)
+        partner = Partner(weaker, share, float(third / second), turn)
+        return Plane(shape, partner, apart / SEEN_OF_DISTANCE / 2 / self.duration)
 
     def _told_apart(
         self, axes: FloatArray, frequency: float, reach: float
-    ) -> tuple[FloatArray, float]:
-        """The directions of a plane that differ most in mean frequency, (n_channels, 2), and the
-        std of their turn towards each other [rad].
+    ) -> tuple[FloatArray, float, float]:
+        """The directions of a plane that differ most in mean frequency, (n_channels, 2), the std of
+        their turn towards each other [rad], and the difference of these means [lines].
 
         Of whitened coordinates y over lines k, Σ yyᴴ = I, the axes are eigenvectors of
         M = Σ (k − k̄) Re yyᴴ; by its scatter var(M₁₂) = Σ (k − k̄)² |y₁|² |y₂|² / 2 they turn by
@@ -156,7 +174,8 @@ class NarrowBandSpectrum:
         means, turn = np.linalg.eigh(((white * offsets[:, None]).T @ white.conj()).real)
         power = np.abs(white @ turn) ** 2
         scatter = float(np.sqrt(0.5 * np.sum(offsets**2 * power[:, 0] * power[:, 1])))
-        return axes @ lower @ turn, scatter / float(means[1] - means[0])
+        apart = float(means[1] - means[0])
+        return axes @ lower @ turn, scatter / apart, apart
 
     def _matrix(self, frequency: float, nearest: float, farthest: float) -> FloatArray:
         """Mean real spectral matrix of the lines whose distance from f, in 1/T, is in between."""
@@ -193,7 +212,9 @@ def twin_pairs(
     -----
     The mean's std is that of one mode by the uncertainty law (δf / f)² = (δζ)² = ζ / (2π f T):
     the mean of two is known √2 times better, by a subspace method about as much worse. What the
-    orders scatter by comes to it.
+    orders scatter by comes to it, and half the distance of the two as the lines have it: poles take
+    two modes for twins that are up to .7 half bandwidths apart (.7 % at ζ = 1 %), and bring them
+    together.
 
     References
     ----------
@@ -208,7 +229,7 @@ def twin_pairs(
         plane = spectrum.plane_at(each.frequency, max(HALF_WIDTH, each.damping_ratio * cycles))
         if plane is None:
             continue
-        shape, partner = plane
+        shape = plane.shape
         law = float(np.sqrt(each.damping_ratio / (2 * np.pi * cycles)))
         factor = np.zeros((2 + len(shape), 2))
         factor[0, 0] = np.hypot(law * each.frequency, each.frequency_scatter)
@@ -224,5 +245,6 @@ def twin_pairs(
             0,
         )
         lines = np.array([0.5, np.hypot(0.5, 1.0)]) / spectrum.duration
-        found += joint_pair(leader, np.full(2, each.frequency), lines, partner)
+        spreads = np.hypot(lines, plane.half_distance)
+        found += joint_pair(leader, np.full(2, each.frequency), spreads, plane.partner)
     return found

@@ -19,6 +19,7 @@ from tests.benchmarks.close_modes import (
     ring_down,
     triplet,
 )
+from tests.benchmarks.identification import parked_record
 from tests.tiers import and_at_night
 
 
@@ -55,6 +56,29 @@ def test_triplets_are_not_lost_without_a_word(seeds: tuple[int, ...]) -> None:
         hidden = record.frequencies[:3]
         modes = identify(record.samples, record.sampling_rate).modes
         assert any(abs(m.frequency / hidden.mean() - 1) < 0.03 for m in modes)
+
+
+@pytest.mark.parametrize(
+    "window", and_at_night((293_204, 2.888, 2.9045), (293_213, 2.5808, 2.5983))
+)
+def test_lines_on_a_slope_do_not_take_the_place_of_a_pole(
+    window: tuple[int, float, float],
+) -> None:
+    """The last window of an hour, where a fit of two modes, side-side and fore-aft, is of no
+    structure's colour (−3.8 and −3.9): its fore-aft mode lay 5 std off, and in one of them it had
+    replaced a pole that was right."""
+    seed, side_side, fore_aft = window
+    samples = parked_record(seed, 3600.0)[-24_000:]
+    near = [
+        mode
+        for mode in identify(samples, 40.0).modes
+        if side_side - 0.05 < mode.frequency < fore_aft + 0.05
+    ]
+    assert near
+    for mode in near:
+        along = np.linalg.norm(mode.shape[:4]) > np.linalg.norm(mode.shape[4:])
+        truth = fore_aft if along else side_side
+        assert abs(mode.frequency - truth) < 3 * mode.frequency_std
 
 
 def test_the_flank_of_a_stronger_neighbour_of_its_shape_does_not_pull_a_mode() -> None:
