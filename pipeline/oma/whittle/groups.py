@@ -34,6 +34,8 @@ FEW_LINES = 3.5  # between modes whose axes a window may not know [lines]; with 
 # (seeds 60056 to 60085) 25 were found or one group, with 3.5 28
 PERPENDICULAR_LINES = 4.0  # between modes that may be perpendicular ones [lines]
 CLOSE = 2.0  # std of the difference within which two modes are a pair
+ONE_FORCE = 0.95  # correlation of two modes' forces of three or more: one of them only bends the
+# background of the others; of 24 triplets (`close_modes`, seeds 60001 to 60024) it was .18 to .51
 HARMONIC_WIDTH = 0.1  # half bandwidth below which a line is a harmonic [lines]
 
 
@@ -184,6 +186,10 @@ def modes_of_group(
         and mode.frequency_std < settings.maximum_frequency_std * mode.frequency
     }
     order = sorted(modes, key=lambda place: modes[place].frequency)
+    mixed = _largest_correlation(best, order)
+    if len(order) > 2 and mixed > ONE_FORCE:
+        fewer = len(order) - 1
+        return modes_of_group(group, spectrum, others, settings, most_modes=fewer)
     pairs = [
         (one, other)
         for one, other in pairwise(order)
@@ -202,15 +208,19 @@ def modes_of_group(
     elif pairs:
         joint = sorted({place for pair in pairs for place in pair})
         modes |= _as_one_group([modes[place] for place in joint], joint, band.duration)
-    forces = best.modes.forces @ best.modes.forces.conj().T
-    inside = np.array(order, dtype=np.intp)
-    correlation = np.abs(forces / np.sqrt(np.outer(np.diag(forces), np.diag(forces)).real))
-    np.fill_diagonal(correlation, 0.0)
-    mixed = float(correlation[np.ix_(inside, inside)].max(initial=0.0))
     inside_group = sorted(modes.values(), key=lambda mode: mode.frequency)
     colour = float(max(best.modes.colours, key=abs))
     left = left_unexplained(best.modes, band, half_width)[0].gain
     return GroupModes(tuple(inside_group), mixed, colour, left, share)
+
+
+def _largest_correlation(fit: WhittleFit, places: Sequence[int]) -> float:
+    """Of the forces of any two modes of a fit, absolute [-]."""
+    forces = fit.modes.forces @ fit.modes.forces.conj().T
+    correlation = np.abs(forces / np.sqrt(np.outer(np.diag(forces), np.diag(forces)).real))
+    np.fill_diagonal(correlation, 0.0)
+    chosen = np.array(places, dtype=np.intp)
+    return float(correlation[np.ix_(chosen, chosen)].max(initial=0.0))
 
 
 def _perpendicular(fit: WhittleFit, band: NarrowBand, group: Group) -> WhittleFit | None:

@@ -81,6 +81,15 @@ def test_lines_on_a_slope_do_not_take_the_place_of_a_pole(
         assert abs(mode.frequency - truth) < 3 * mode.frequency_std
 
 
+@pytest.mark.nightly
+def test_what_bends_a_background_is_no_third_mode_of_a_pair() -> None:
+    """The first bending modes of the first window were three, two of one force."""
+    window = parked_record(284_008, 3600.0)[:24_000]
+    first_bending = [mode for mode in identify(window, 40.0).modes if mode.frequency < 0.2]
+    assert len(first_bending) == 2
+    assert len({mode.pair_id for mode in first_bending}) == 1
+
+
 def test_the_flank_of_a_stronger_neighbour_of_its_shape_does_not_pull_a_mode() -> None:
     """Four half bandwidths apart; the fit of a band that ended short of it began the pull."""
     frequencies, damping = np.array([1.48, 1.58]), np.array([0.01, 0.015])
