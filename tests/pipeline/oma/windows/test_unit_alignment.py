@@ -20,6 +20,7 @@ from pipeline.oma.windows.unit_alignment import (
 from pipeline.oma.windows.windowing import MissingSamples
 from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
 from sensors.acquisition.layout import FORE_AFT, Accelerometer, SensorLayout
+from sensors.acquisition.resampling import HALF_LENGTH
 
 RATE = 40.0
 LATENESS = 5.0
@@ -71,6 +72,17 @@ def test_a_day_between_two_sessions_is_one_gap_and_no_sample_is_lost() -> None:
     heard = [each for each in pieces if isinstance(each, AccelerationBlock)]
     values = np.concatenate([each.samples for each in heard if each.start_ns >= DAY * NANOSECONDS])
     np.testing.assert_array_equal(np.unique(values[:, 0].round()), np.arange(DAY, DAY + 20))
+
+
+def test_a_unit_covers_a_time_as_soon_as_all_that_a_sample_is_read_from_is_here() -> None:
+    stream = UnitStream(block("lower", 0), 1)
+    for second in range(30):
+        stream.push(block("lower", second))
+    last_read = round(30 * RATE) - 1 - HALF_LENGTH
+    for forgotten in (0, 25):  # seconds that are let go: it does not depend on what is held
+        stream.forget_before(forgotten * NANOSECONDS)
+        assert stream.covers(round(last_read / RATE * NANOSECONDS))
+        assert not stream.covers(round((last_read + 1) / RATE * NANOSECONDS))
 
 
 def test_what_is_passed_over_is_what_would_have_been_given_step_by_step(monkeypatch) -> None:
