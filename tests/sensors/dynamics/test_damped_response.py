@@ -1,5 +1,6 @@
 """Complex modes of a structure with any damping: against white noise, energy, full matrices."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -59,6 +60,15 @@ def test_hardly_damped_modes_read_the_shapes_of_the_undamped_structure_tilt_incl
     for ours, theirs in zip(damped_system(model, modes, observed).readings, expected, strict=True):
         unit = np.argmax(np.abs(theirs))
         np.testing.assert_allclose(ours / ours[unit], theirs / theirs[unit], atol=1e-6)
+
+
+def test_an_ac_coupled_channel_reads_motion_at_its_corner_by_half_the_power_an_eighth_early() -> (
+    None
+):
+    """iω / (iω + ω_c) = (1 + i) / 2 at ω = ω_c."""
+    direct = oscillator(0.5, 1e-9)
+    coupled = replace(direct, modes=replace(direct.modes, corner_frequencies=np.array([0.5])))
+    assert coupled.readings / direct.readings == pytest.approx(np.full((1, 1), 0.5 + 0.5j))
 
 
 def test_an_oscillator_under_white_noise_has_the_variance_of_theory() -> None:

@@ -29,6 +29,11 @@ def test_fields_are_found_by_name_and_unit() -> None:
     assert found["power"].factor == 1e3
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("W", 1.0), ("kW", 1e3), ("MW", 1e6)])
+def test_power_is_in_watts(unit: str, factor: float) -> None:
+    assert condition_channels(["GenPwr"], [unit])["power"].factor == factor
+
+
 @pytest.mark.parametrize(
     "names",
     [
