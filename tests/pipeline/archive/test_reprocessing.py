@@ -94,6 +94,18 @@ def test_what_is_finished_is_not_done_again(report: ArchiveReport) -> None:
     assert report.posteriors == 2
 
 
+def test_a_script_has_the_counts_and_where_the_results_are(
+    archive: list[Path], results: Path, report: ArchiveReport
+) -> None:
+    said = CLI.invoke(
+        app, ["reprocess", *map(str, archive), "-o", str(results), "--serial", "--json"]
+    )
+    assert said.exit_code == 0
+    counts = json.loads(said.stdout)
+    assert counts["out"] == str(results)
+    assert counts["posteriors"] == report.posteriors
+
+
 def test_a_file_without_a_whole_chunk_is_one_line_and_the_rest_goes_on(
     archive: list[Path], results: Path, tmp_path: Path
 ) -> None:

@@ -14,6 +14,8 @@ from pipeline.run.folder import prepare_folder
 from pipeline.run.options import SessionOptions
 from pipeline.run.processes import node_command
 from pipeline.run.run import run_session, session_outputs
+from pipeline.runtime.snapshots import ANSWERS
+from pipeline.runtime.snapshots import FOLDER as CHECKPOINTS
 from pipeline.sources.recorded_stream import Playback, SourceError
 from pipeline.sources.sources import Source, open_source, replayed, simulated
 from pipeline.transport.zenoh_bus import hub, peer_of
@@ -82,6 +84,21 @@ def test_a_session_that_is_replayed_into_its_own_folder_is_found_again(
     assert source.recording is not None
     assert source.recording.exists()
     assert source.recording != own
+
+
+def test_a_replay_begins_with_nothing_that_an_earlier_session_had_seen(
+    tmp_path: Path, short_recording: Path
+) -> None:
+    earlier = {name: tmp_path / name for name in (CHECKPOINTS, ANSWERS)}
+    for place in earlier.values():
+        place.mkdir()
+        (place / "seen").write_text("by an earlier session")
+    source = replayed(short_recording).with_playback(Playback(0.0, 3.0))
+    run_session(source, SessionOptions(out=tmp_path, way="lock-step", rrd=False))
+    for name, place in earlier.items():
+        assert not (place / "seen").exists()
+        (kept,) = tmp_path.glob(f"{name}-*")
+        assert (kept / "seen").exists()
 
 
 def test_a_summary_that_the_disk_refuses_is_named_and_costs_no_results(

@@ -103,6 +103,13 @@ def test_a_sensitivity_turns_volts_into_what_the_sensor_measures(tmp_path: Path)
     np.testing.assert_allclose(table.samples[:, 0], 98.0665 * np.array([0.5, -1.0, 0.25]))
 
 
+def test_a_sensor_without_any_sensitivity_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "layout.toml"
+    path.write_text(f'{CHANNEL}unit = "g"\nsensitivity = 0.0\n', encoding="utf-8")
+    with pytest.raises(LayoutError, match="sensitivity is 0"):
+        load_layout(path)
+
+
 @pytest.mark.parametrize(
     ("statement", "quantities"),
     [

@@ -307,6 +307,17 @@ def test_a_dataset_that_shares_its_name_with_a_note_is_a_channel(tmp_path: Path)
     assert table.sampling_rate == pytest.approx(RATE)
 
 
+def test_what_stands_beside_arrays_of_its_structure_holds_for_no_other_structure(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.mat"
+    own, other = {"acc_x": SAMPLES[:, 0], "fs": RATE / 2}, {"acc_y": SAMPLES[:, 1]}
+    savemat(path, {"first": own, "second": other})
+    assert not read_file(path, None, Wanted(frozenset({"acc_y"}))).sampling_rate
+    table = read_file(path, None, Wanted(frozenset({"acc_x"})))
+    assert table.sampling_rate == pytest.approx(RATE / 2)
+
+
 @pytest.mark.parametrize("kind", ["h5", "h5 attributes", "mat"])
 def test_units_in_a_group_of_their_own_are_those_of_the_arrays_by_name(
     tmp_path: Path, kind: str

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from scipy.linalg import eigh
 
 from sensors.structure.beam import (
@@ -30,6 +31,15 @@ def test_interpolation_reproduces_every_cubic_and_its_slope() -> None:
     xi = np.linspace(0, 1, 7)
     assert hermite(xi, LENGTH) @ ends == pytest.approx(cubic(xi * LENGTH))
     assert hermite_slope(xi, LENGTH) @ ends == pytest.approx(slope(xi * LENGTH))
+
+
+@pytest.mark.parametrize("position", [0.5, np.linspace(0, 1, 3), np.full((2, 3), 0.25)])
+def test_the_four_shapes_stand_last_whatever_the_positions_are(position: ArrayLike) -> None:
+    for shapes in (hermite, hermite_slope, section_rotation):
+        found = shapes(position, LENGTH)
+        assert found.shape == (*np.shape(position), 4)
+        one = shapes(np.ravel(position)[0], LENGTH)
+        np.testing.assert_allclose(found.reshape(-1, 4)[0], one)
 
 
 @pytest.mark.parametrize("motion", [TRANSLATION, ROTATION])

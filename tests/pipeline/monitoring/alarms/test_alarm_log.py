@@ -58,6 +58,13 @@ def test_what_comes_back_soon_is_the_same_notice_with_a_count() -> None:
     assert at(book, 9000, SILENT) == [("raised", 2)]
 
 
+def test_what_has_no_end_is_told_again_when_it_recurs_after_the_time_that_it_settles_in() -> None:
+    book = AlarmLog(SETTINGS)
+    at(book, 0, CHANGE)
+    assert at(book, 599, CHANGE) == []
+    assert at(book, 1199, CHANGE) == [("raised", 1)]  # 600 s after the last occurrence
+
+
 def test_an_acknowledged_notice_is_told_only_when_it_ends() -> None:
     book = AlarmLog(SETTINGS)
     at(book, 0, SILENT)
