@@ -3,6 +3,7 @@
 import logging
 import socket
 import subprocess
+import sys
 import threading
 import urllib.request
 from collections.abc import Iterable, Iterator, Mapping
@@ -199,6 +200,31 @@ def test_a_viewer_that_ends_at_once_is_one_line(monkeypatch: pytest.MonkeyPatch)
         serve_page(WebPage(free_port(0), free_port(0))),
     ):
         pass
+
+
+STUBBORN_CHILD = """
+import signal, socket, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+server = socket.create_server(("127.0.0.1", {port}))
+print("listens", flush=True)
+time.sleep(60)
+"""
+PARENT = "import subprocess, sys; subprocess.run([sys.executable, '-c', sys.argv[1]])"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no process groups there")
+def test_a_viewers_child_that_holds_its_port_is_killed_after_the_viewer_itself_has_ended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(viewer_process, "SERVER_STOP_TIMEOUT", 0.3)
+    port = free_port(0)
+    child = STUBBORN_CHILD.format(port=port)
+    command = [sys.executable, "-c", PARENT, child]
+    with subprocess.Popen(command, start_new_session=True, stdout=subprocess.PIPE) as viewer:
+        assert viewer.stdout is not None
+        assert viewer.stdout.readline() == b"listens\n"
+        viewer_process._stop(viewer, port)
+        assert not is_listening(port)
 
 
 def test_every_viewer_and_server_that_is_started_has_a_limit_of_memory(monkeypatch, tmp_path):
