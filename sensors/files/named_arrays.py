@@ -32,6 +32,7 @@ from sensors.files.text.time_column import (
     Scale,
     iso,
     known_unit,
+    midnights_of_numbers,
     parse_start_ns,
     since_1970,
 )
@@ -353,7 +354,8 @@ def _seconds_of_numbers(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float
         begin = timestamp_ns(since["moment"], path) + round(first * scale.seconds * 1e9)
         return np.asarray((values - values[0]) * scale.seconds), iso(begin)
     if not scale.absolute:
-        return np.asarray(values * scale.seconds, dtype=np.float64), None
+        seconds = np.asarray(values * scale.seconds, dtype=np.float64)
+        return seconds + midnights_of_numbers().seconds_added(seconds), None
     return np.asarray((values - values[0]) * scale.seconds), iso(
         since_1970(values[0].item(), scale)
     )

@@ -27,7 +27,7 @@ from sensors.files.text.dates import (
     DateStyle,
     kind_of_text,
 )
-from sensors.files.text.local_clock import Midnights, SummerTime, ZoneClock, clock_of
+from sensors.files.text.local_clock import SLACK, Midnights, SummerTime, ZoneClock, clock_of
 
 SECONDS_PER_UNIT = {
     "": 1.0,
@@ -140,6 +140,14 @@ def _scale_by_size(first: float, step: float | None) -> Scale | None:
     return None
 
 
+def midnights_of_numbers() -> Midnights:
+    """Return what follows numbers over midnight: only where next to nothing is missing there.
+
+    A count that starts again may have begun at any time before.
+    """
+    return Midnights(late_ns=SLACK)
+
+
 @dataclass(slots=True)
 class TextClock:
     """The time column of a file, batch by batch.
@@ -175,6 +183,7 @@ class TextClock:
     _scale: Scale | None = None
     _style: DateStyle | None = field(default=None)
     _midnights: Midnights = field(default_factory=Midnights)
+    _counted_midnights: Midnights = field(default_factory=midnights_of_numbers)
     local_clock: SummerTime | ZoneClock = field(init=False)
     """Reads dates without a zone."""
 
@@ -246,7 +255,10 @@ class TextClock:
     def _of_numbers(self, values: NDArray[Any]) -> FloatArray:
         self._require_all(~np.isfinite(values))
         scale = self._scale_of(values[0].item(), values[: min(len(values), 100)])
-        return np.asarray((values - self._first) * scale.seconds, dtype=np.float64)
+        seconds = np.asarray((values - self._first) * scale.seconds, dtype=np.float64)
+        if scale.absolute:
+            return seconds
+        return seconds + self._counted_midnights.seconds_added(values * scale.seconds)
 
     def _of_decimals(self, column: pa.Array) -> FloatArray:
         """Numbers of so many digits that a double does not hold them."""

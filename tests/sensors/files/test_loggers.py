@@ -80,6 +80,8 @@ RELATIVE = {
     + rows(comma_seconds, ";", ","),
     "times of day": "Time," + SI.format(",") + rows(as_date("%H:%M:%S.%f")),
     "milliseconds by name": "time_ms," + SI.format(",") + rows(lambda i: f"{20 * i}"),
+    "milliseconds since midnight": "t [ms]," + SI.format(",")
+    + rows(lambda i: f"{(86_399_500 + 20 * i) % 86_400_000}"),
 }  # fmt: skip
 ABSOLUTE = {
     "dates as Germans write them": "Datum/Uhrzeit;" + SI.format(";") + rows(german, ";", ","),

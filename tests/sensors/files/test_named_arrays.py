@@ -468,6 +468,13 @@ def test_days_of_matlab_in_a_mat_file_have_a_date(tmp_path: Path) -> None:
     assert table.sampling_rate == pytest.approx(RATE)
 
 
+def test_seconds_since_midnight_in_a_mat_file_go_on_over_midnight(tmp_path: Path) -> None:
+    clock = (86_399.5 + SECONDS) % 86_400
+    savemat(tmp_path / "a.mat", {"time": clock[:, None], "acc": SAMPLES.T})
+    times = read_file(tmp_path / "a.mat").times
+    np.testing.assert_allclose(times, SECONDS, atol=1e-9)
+
+
 def outb(kind: int, samples: np.ndarray[Any, Any]) -> bytes:
     """Samples (n, 2) as OpenFAST packs them into 16 bits, with names of 10 or of 14 characters."""
     length = 14 if kind == 4 else 10
