@@ -120,7 +120,8 @@ def sort_columns(
     channels = tuple(i for i in range(len(columns)) if i not in left_out)
     if not channels and columns:
         time = "time " if clock == tuple(left_out) else ""
-        raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
+        what = f"no channel beside the {time}{_listed(columns, sorted(left_out))}"
+        raise FileError(f"{path}: {what}{_text_among(columns, texts)}")
     channels = tuple(channels[i] for i in wanted.among([columns[i].name for i in channels]))
     sentences = [
         f"{path}: column {columns[number].name!r} holds text "
@@ -227,6 +228,15 @@ def _holds_time(column: Column) -> bool:
     if column.kind in ("moment", "date", "time of day"):
         return True
     return column.kind == "number" and is_time_title(column.name)
+
+
+def _text_among(columns: Sequence[Column], texts: Sequence[int]) -> str:
+    """Return what the first of some columns of text holds instead of numbers; "" of none."""
+    if not texts:
+        return ""
+    first = columns[texts[0]]
+    text = str(next(iter(first.first), ""))
+    return f"; {first.title!r} holds text ({text!r}) where numbers are needed"
 
 
 def _counts(column: Column) -> bool:

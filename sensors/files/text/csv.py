@@ -26,6 +26,7 @@ from sensors.files.text.dialect import COMMENT, TextHead, read_head
 CHUNK_BYTES = 2**22  # of text that is read at a time
 
 _CONVERSION = re.compile(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'")
+_GROUPED_THOUSANDS = re.compile(r"\s*[+-]?\d{1,3}([.,'’\s]\d{3})+(?!\d)")
 _COUNT = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
@@ -119,7 +120,8 @@ def _explain(error: str, head: TextHead) -> str:
             f"column {title!r} has {value!r} in line {line}; a time is needed: a number, or "
             "2024-12-31T23:59:59.5, alike in every row"
         )
+    between = ", without a mark between thousands" if _GROUPED_THOUSANDS.match(value) else ""
     return (
         f"column {title!r} has {value!r} in line {line}; "
-        "a number is needed (or nothing, for a missing sample)"
+        f"a number is needed{between} (or nothing, for a missing sample)"
     )

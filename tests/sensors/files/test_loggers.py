@@ -1,6 +1,7 @@
 """Text files as instruments, spreadsheets and programs write them: one measurement in each."""
 
 import gzip
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
@@ -219,7 +220,10 @@ def test_a_stated_order_does_not_turn_dates_that_are_clear(tmp_path: Path) -> No
         ("t,a,b\n" + rows(lambda i: str(20 * i)), "steps by 20 and has no unit"),
         ("t [s],a,b\n" + rows(lambda i: str(10**12 + 20 * i)), "after the year 2100"),
         ("t,a\n" + rows(seconds), "line 1 has 2 titles, the samples below it 3 columns"),
-        ("t,a,b\n" + rows(seconds) + '0.8,"1,234.5",1\n', "has '1,234.5' in line 42"),
+        (
+            "t,a,b\n" + rows(seconds) + '0.8,"1,234.5",1\n',
+            "in line 42; a number is needed, without",
+        ),
         ("t,a,b\nx\n" + "\0" * 50, "this is no text"),
         ("# only\n# comments\n", "the file is empty"),
         ("PK\x03\x04" + "\0" * 50, "no text but an archive or a workbook"),
@@ -232,6 +236,41 @@ def test_what_may_be_meant_otherwise_is_one_line(tmp_path: Path, text: str, mess
         read_file(written(tmp_path / "a.csv", text))
     assert str(tmp_path / "a.csv") in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def counted(number: Callable[[float], str], separator: str = ";") -> str:
+    """Counts of two channels, up to a few thousand, at 10 ms."""
+    titles = separator.join(["t [ms]", "a", "b [m/s²]"]) + "\n"
+    lines = (
+        separator.join([str(10 * i), *map(number, pair)])
+        for i, pair in enumerate((2000 * SAMPLES).tolist())
+    )
+    return titles + "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (counted(lambda x: f"{x:,.0f}"), "column 'a' has '-1,604' and '-497'"),
+        (counted(lambda x: f"{x:,.0f}".replace(",", ".")), "column 'a' has '-1.604' and '-497'"),
+        (counted(lambda x: f'"{x:,.0f}"', ","), "column 'a' has '-1,604' and '-497'"),
+        (counted(lambda x: f"{x:,.1f}"), "holds text ('-1,603.9') where numbers are needed"),
+        (counted(lambda x: f"{x:,.1f}".replace(",", "'")), 'holds text ("-1\'603.9")'),
+    ],
+)
+def test_marks_between_thousands_are_one_line(tmp_path: Path, text: str, message: str) -> None:
+    """They were decimal marks, and 1,604 a thousandth of 1604."""
+    path = written(tmp_path / "a.csv", text)
+    with pytest.raises(FileError, match=re.escape(message)):
+        read_file(path)
+
+
+@pytest.mark.parametrize("number", ["{:.3f}", "{:.4g}", "{:.6g}", "{:.0f}"])
+def test_decimals_of_three_digits_are_decimals(tmp_path: Path, number: str) -> None:
+    shown = [[float(number.format(x)) for x in pair] for pair in (20 * SAMPLES).tolist()]
+    lines = (";".join([str(10 * i), *map(number.format, pair)]) for i, pair in enumerate(shown))
+    path = written(tmp_path / "a.csv", "t [ms];a;b\n" + "\n".join(lines) + "\n")
+    np.testing.assert_array_equal(read_file(path).samples, shown)
 
 
 def campbell(i: int) -> str:
