@@ -1,7 +1,6 @@
 """What a logger writes where it has no value, as -9999 or 0: missing samples, not motion."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -21,12 +20,12 @@ MOST_LOOKED_AT = 10_000
 
 
 class FillValues:
-    """Finds the fill values of a file's channels, chunk by chunk.
+    """Finds the fill values of a measurement's channels, chunk by chunk.
 
     Parameters
     ----------
-    path : Path
-        Of the file, for messages.
+    origin : str
+        What to call the measurement in messages.
 
     Notes
     -----
@@ -35,8 +34,8 @@ class FillValues:
     through the values between; a spike has a value of its own.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, origin: str) -> None:
+        self._origin = origin
         self._rows = 0
         self._channels: dict[str, _Channel] = {}
 
@@ -54,7 +53,7 @@ class FillValues:
             for value in sorted(found - known):
                 first = self._rows + int(np.argmax(series == value)) + 1
                 log_once(
-                    f"{self._path}: {name} has {value:.6g}{unit and f' {unit}'} again and again, "
+                    f"{self._origin}: {name} has {value:.6g}{unit and f' {unit}'} again and again, "
                     f"the first time in sample {first}, far from all that it measures, as loggers "
                     "write where they have no value; these samples are taken as missing"
                 )

@@ -116,7 +116,7 @@ def read_chunks(
     FileError
         No such reader; a file that it cannot read.
     """
-    fill_values = FillValues(path)
+    fill_values = FillValues(str(path))
     for chunk in _chunks(path, reader, wanted):
         fill_values.leave_out(chunk)
         yield chunk

@@ -23,7 +23,7 @@ def left_out(
 ) -> list[int]:
     """Numbers of the samples that are taken as missing."""
     taken = series.copy()
-    fill_values = FillValues(Path("a.csv"))
+    fill_values = FillValues("a.csv")
     for begin in range(0, N, chunk):
         part = taken[begin : begin + chunk, None]
         fill_values.leave_out(ChannelTable((name,), (unit,), part, None, 0, RATE))
