@@ -34,6 +34,7 @@ from sensors.files.text.time_column import (
     known_unit,
     midnights_of_numbers,
     parse_start_ns,
+    seconds_of_digits,
     since_1970,
 )
 
@@ -347,6 +348,9 @@ def _seconds_of_numbers(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float
         unit or time_unit(name) or (since["unit"] if since else noted)
         or (around if known_unit(around) is not None else "")
     )  # fmt: skip
+    clock = seconds_of_digits(values, unit)
+    if clock is not None:
+        values, unit = clock, "s"
     step = float(np.median(np.diff(values[:100]))) if len(values) > 1 else None
     first = float(values[0])
     scale = Scale.of(unit, first, step if np.isfinite(first) else None)

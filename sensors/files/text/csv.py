@@ -92,7 +92,7 @@ def _conversion(head: TextHead) -> arrow_csv.ConvertOptions:
     columns = head.columns
     types: dict[str, pa.DataType] = {str(i): pa.float64() for i in columns.channels}
     for i in columns.clock:
-        is_number = columns.all[i].kind == "number"
+        is_number = columns.all[i].kind == "number" and len(columns.clock) == 1
         exact = pa.decimal128(32, 12) if head.exact_time else pa.float64()
         types[str(i)] = exact if is_number else pa.string()
     spelled = {each for word in MISSING for each in (word, word.upper(), word.capitalize())}

@@ -57,6 +57,8 @@ COUNTED_FROM_1970 = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # larger numbers
 SPREADSHEET_DAYS = (25_569, 73_050, 25_569)  # 1970 to 2100, since 1899-12-30
 MATLAB_DAYS = (719_529, 767_010, 719_529)  # since the year 0
 SHORTEST_STEP = 2.0 / DAY  # of such days [d]
+CLOCK_DIGITS = ("hhmmss", "hhmmss.s", "hhmmss.ss", "hhmmss.sss")  # "units" of such numbers
+MINUTE_LEAP = 40.0  # of such a number at a full minute
 LONGEST_STEP = 2.0  # a number without a unit that steps by so much counts no seconds
 
 
@@ -140,6 +142,41 @@ def _scale_by_size(first: float, step: float | None) -> Scale | None:
     return None
 
 
+def seconds_of_digits(values: NDArray[Any], unit: str) -> FloatArray | None:
+    """Return seconds since midnight of numbers such as 215959.50, 21:59:59.50; None: they are none.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Numbers of a time column.
+    unit : str
+        Of the column; empty: not stated.
+
+    Notes
+    -----
+    Where the unit does not state it, a full minute shows it: no number is between 60 and 100 then,
+    and the clock goes on evenly where the number leaps by 40.
+    """
+    stated = unit.strip().lower() in CLOCK_DIGITS
+    if unit and not stated:
+        return None
+    number = np.asarray(values, dtype=np.float64)
+    if not ((number >= 0) & (number < 240_000)).all():
+        return None
+    minutes, seconds = number // 100 % 100, number % 100
+    if (minutes >= 60).any() or (seconds >= 60).any():
+        return None
+    since_midnight = np.asarray(number // 10_000 * 3600 + minutes * 60 + seconds)
+    if stated:
+        return since_midnight
+    steps = np.diff(since_midnight)
+    leaps = np.diff(number) - steps > 0.5 * MINUTE_LEAP
+    even = (
+        np.abs(steps[leaps] - np.median(steps)) <= 0.5 * np.median(steps) if len(steps) else leaps
+    )
+    return since_midnight if leaps.any() and even.all() else None
+
+
 def midnights_of_numbers() -> Midnights:
     """Return what follows numbers over midnight: only where next to nothing is missing there.
 
@@ -181,6 +218,9 @@ class TextClock:
     """Stamps that were read."""
 
     _scale: Scale | None = None
+    _of_digits: bool = False
+    """Whether its numbers are hours, minutes and seconds, 215959.50."""
+
     _style: DateStyle | None = field(default=None)
     _midnights: Midnights = field(default_factory=Midnights)
     _counted_midnights: Midnights = field(default_factory=midnights_of_numbers)
@@ -254,11 +294,23 @@ class TextClock:
 
     def _of_numbers(self, values: NDArray[Any]) -> FloatArray:
         self._require_all(~np.isfinite(values))
+        if self._scale is None and seconds_of_digits(values, self.unit) is not None:
+            self._of_digits = True
+        if self._of_digits:
+            values = self._clock_of(values)
         scale = self._scale_of(values[0].item(), values[: min(len(values), 100)])
         seconds = np.asarray((values - self._first) * scale.seconds, dtype=np.float64)
         if scale.absolute:
             return seconds
         return seconds + self._counted_midnights.seconds_added(values * scale.seconds)
+
+    def _clock_of(self, values: NDArray[Any]) -> FloatArray:
+        seconds = seconds_of_digits(values, CLOCK_DIGITS[0])
+        if seconds is None:
+            raise ClockError(
+                "has hours, minutes and seconds as 215959.50 at first and other numbers later"
+            )
+        return seconds
 
     def _of_decimals(self, column: pa.Array) -> FloatArray:
         """Numbers of so many digits that a double does not hold them."""
@@ -270,7 +322,8 @@ class TextClock:
     def _scale_of(self, first: int | float | Decimal, some: NDArray[Any]) -> Scale:
         if self._scale is None:
             step = float(np.median(np.diff(some))) if len(some) > 1 else None
-            self._scale = Scale.of(self.unit, float(first), step)
+            unit = "s" if self._of_digits else self.unit
+            self._scale = Scale.of(unit, float(first), step)
             self._first = first
             if self._scale.absolute:
                 self.start_ns = since_1970(first, self._scale)

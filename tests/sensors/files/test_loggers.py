@@ -48,6 +48,12 @@ def as_date(form: str) -> Callable[[int], str]:
     return lambda i: MOMENTS[i].strftime(form)
 
 
+def clock_digits(i: int) -> str:
+    """Hours, minutes and seconds from 11:59:59.60 on: 115959.60."""
+    hours, rest = divmod(12 * 3600 - 0.4 + i / RATE, 3600)
+    return f"{hours * 10_000 + rest // 60 * 100 + round(rest % 60, 2):09.2f}"
+
+
 def german(i: int, hour: int = 12) -> str:
     moment = MOMENTS[i].replace(hour=hour)
     return moment.strftime("%d.%m.%Y %H:%M:%S,") + f"{moment.microsecond // 1000:03d}"
@@ -81,6 +87,11 @@ RELATIVE = {
     + rows(comma_seconds, ";", ","),
     "times of day": "Time," + SI.format(",") + rows(as_date("%H:%M:%S.%f")),
     "milliseconds by name": "time_ms," + SI.format(",") + rows(lambda i: f"{20 * i}"),
+    "a clock of digits": "UTC," + SI.format(",") + rows(clock_digits),
+    "a clock of digits by its unit": "Time [hhmmss]," + SI.format(",")
+    + rows(lambda i: f"1200{i / RATE:05.2f}"),
+    "a date of digits and a clock of digits": "Date;Time;" + SI.format(";")
+    + rows(lambda i: f"20240313;{clock_digits(i)}", ";"),
     "milliseconds since midnight": "t [ms]," + SI.format(",")
     + rows(lambda i: f"{(86_399_500 + 20 * i) % 86_400_000}"),
 }  # fmt: skip
@@ -103,6 +114,10 @@ ABSOLUTE = {
     + rows(lambda i: german(i, 13), ";", ","),
     "strokes between year and month": "Time," + SI.format(",")
     + rows(as_date("%Y/%m/%d %H:%M:%S.%f")),
+    "ISO without marks": "Time," + SI.format(",") + rows(as_date("%Y%m%dT%H%M%S.%fZ")),
+    "digits apart by a blank": "Time;" + SI.format(";") + rows(as_date("%Y%m%d %H%M%S,%f"), ";"),
+    "a date of digits and a time of day": "Date;Time;" + SI.format(";")
+    + rows(as_date("%Y%m%d;%H:%M:%S.%f"), ";"),
     "milliseconds since 1970": "timestamp," + SI.format(",")
     + rows(lambda i: str(STAMPS[i].astype(int) // 10**6)),
     "nanoseconds since 1970": "timestamp," + SI.format(",")
@@ -147,6 +162,16 @@ def test_every_encoding_has_its_square(tmp_path: Path, encoding: str) -> None:
     assert table.names == ("a", "b")
     assert table.units == ("m/s²", "m/s²")
     np.testing.assert_array_equal(table.samples, SAMPLES)
+
+
+def test_a_date_of_digits_alone_is_no_time(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = written(tmp_path / "a.csv", "Date," + SI.format(",") + rows(lambda i: "20240313"))
+    table = read_file(path, wanted=replace(EVERYTHING, rate_known=True))
+    np.testing.assert_array_equal(table.samples, SAMPLES)
+    assert table.times is None
+    assert caplog.messages == [f"{path}: column 'Date' left out; it has the date alone"]
 
 
 def test_a_zipped_file_is_read_and_a_cut_one_is_one_line(tmp_path: Path) -> None:

@@ -475,6 +475,13 @@ def test_seconds_since_midnight_in_a_mat_file_go_on_over_midnight(tmp_path: Path
     np.testing.assert_allclose(times, SECONDS, atol=1e-9)
 
 
+def test_a_clock_of_digits_in_a_mat_file_is_no_count_of_seconds(tmp_path: Path) -> None:
+    clock = np.where(SECONDS < 0.6, 115_959.4 + SECONDS, 120_000 + SECONDS - 0.6)
+    savemat(tmp_path / "a.mat", {"time": clock[:, None], "acc": SAMPLES.T})
+    times = read_file(tmp_path / "a.mat").times
+    np.testing.assert_allclose(times, SECONDS, atol=1e-9)
+
+
 def outb(kind: int, samples: np.ndarray[Any, Any]) -> bytes:
     """Samples (n, 2) as OpenFAST packs them into 16 bits, with names of 10 or of 14 characters."""
     length = 14 if kind == 4 else 10
