@@ -280,11 +280,26 @@ class TextClock:
         except DateError as error:
             raise ClockError(f"has {error}") from error
         except pa.ArrowInvalid as error:
-            odd = next((i for i, each in enumerate(texts.to_pylist()) if not kind_of_text(each)), 0)
+            odd = self._first_odd(texts)
             raise ClockError(
                 f"has {texts[odd].as_py()!r} in sample {self._rows + odd + 1}; a time is needed: a "
                 "number, or 2024-12-31T23:59:59.5, alike in every row"
             ) from error
+
+    def _first_odd(self, texts: pa.Array) -> int:
+        """Return the place of the first text that is no time, or no time in the column's style."""
+        for place, each in enumerate(texts.to_pylist()):
+            if not kind_of_text(each):
+                return place
+        good, bad = 0, len(texts)  # all before `good` are read; one before `bad` is not
+        while self._style is not None and bad - good > 1:
+            middle = (good + bad) // 2
+            try:
+                self._style.nanoseconds(texts.slice(good, middle - good))
+                good = middle
+            except pa.ArrowInvalid:
+                bad = middle
+        return good
 
     def _of_nanoseconds(self, stamps: NDArray[np.int64], *, dated: bool) -> FloatArray:
         if self._first is None:

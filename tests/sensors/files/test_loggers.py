@@ -254,6 +254,7 @@ def test_a_stated_order_does_not_turn_dates_that_are_clear(tmp_path: Path) -> No
         ("PK\x03\x04" + "\0" * 50, "no text but an archive or a workbook"),
         ('"TOB1","TOWER"\n' + "\0" * 50, "convert it to TOA5"),
         ("t,a,b\n" + rows(lambda i: f"12 o'clock {i}"), "a time is needed"),
+        ("t,a,b\n" + rows(lambda i: f"{23 + i // 17}:{i % 17:02d}:00"), "'24:00:00' in sample 18;"),
     ],
 )
 def test_what_may_be_meant_otherwise_is_one_line(tmp_path: Path, text: str, message: str) -> None:
