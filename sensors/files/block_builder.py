@@ -166,6 +166,7 @@ def stamp_samples(
         If time stands still or goes back, within a file or from one to the next.
     """
     counted, current, last_ns, last_file = 0, -1, None, 0
+    before: StampedSamples | None = None
     for number, chunk in chunks:
         counted = counted if number == current else 0
         current = number
@@ -180,11 +181,21 @@ def stamp_samples(
                 "clock was not set"
             )
         if last_ns is not None and times_ns[0] <= last_ns and number != last_file:
-            raise FileError(
-                f"{files[number].path} begins at {moment(int(times_ns[0]))}, before "
-                f"{files[last_file].path} ends at {moment(last_ns)}; files must not overlap"
-                f"{_repeated_hour(files[number])}"
+            again = _repeated(before, times_ns, chunk.samples, 0.5 / rate)
+            if not again:
+                raise FileError(
+                    f"{files[number].path} begins at {moment(int(times_ns[0]))}, before "
+                    f"{files[last_file].path} ends at {moment(last_ns)}, with other samples; files "
+                    f"must not overlap{_repeated_hour(files[number])}"
+                )
+            count = "sample" if again == 1 else f"{again} samples"
+            log_once(
+                f"{files[number].path} begins with the last {count} of {files[last_file].path}, "
+                "taken once"
             )
+            times_ns, chunk = times_ns[again:], replace(chunk, samples=chunk.samples[again:])
+            if not len(times_ns):
+                continue
         steps = np.diff(times_ns, prepend=times_ns[0] - 1 if last_ns is None else last_ns)
         if (steps <= 0).any():
             raise FileError(
@@ -194,8 +205,33 @@ def stamp_samples(
             )
         last_ns, last_file = int(times_ns[-1]), number
         present = ~np.isnan(chunk.samples).all(axis=1)
+        before = StampedSamples(times_ns, chunk.samples)
         if present.any():
             yield StampedSamples(times_ns[present], chunk.samples[present])
+
+
+def _repeated(
+    before: StampedSamples | None, times_ns: IntArray, samples: FloatArray, near: float
+) -> int:
+    """Return how many samples at a file's start end the file before; 0 where one of them differs.
+
+    Parameters
+    ----------
+    before : StampedSamples, optional
+        What came last of the file before.
+    times_ns, samples : ndarray, shape (n,) and (n, n_channels)
+        What comes first of the file.
+    near : float
+        Stamps of one sample may be so far apart [s].
+    """
+    if before is None:
+        return 0
+    count = int(np.searchsorted(times_ns, before.times_ns[-1] + near * NANOSECONDS))
+    if count > len(before.times_ns):
+        return 0
+    stamps, values = before.times_ns[-count:], before.samples[-count:]
+    together = (np.abs(times_ns[:count] - stamps) < near * NANOSECONDS).all()
+    return count if together and np.array_equal(samples[:count], values, equal_nan=True) else 0
 
 
 def _repeated_hour(file: MeasurementFile) -> str:

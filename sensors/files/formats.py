@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sensors.files.fill_values import FillValues
 from sensors.files.readers.hdf5 import read_hdf5
 from sensors.files.readers.matlab import read_mat
 from sensors.files.readers.miniseed import read_miniseed
@@ -115,6 +116,14 @@ def read_chunks(
     FileError
         No such reader; a file that it cannot read.
     """
+    fill_values = FillValues(str(path))
+    for chunk in _chunks(path, reader, wanted):
+        fill_values.leave_out(chunk)
+        yield chunk
+
+
+def _chunks(path: Path, reader: str | None, wanted: Wanted) -> Iterator[ChannelTable]:
+    """Yield the channels of a file as its reader gives them."""
     channels = _channels(path, reader)
     if channels is not None:
         yield join_channels(channels, path, wanted)

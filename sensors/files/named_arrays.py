@@ -32,15 +32,22 @@ from sensors.files.text.time_column import (
     Scale,
     iso,
     known_unit,
+    midnights_of_numbers,
     parse_start_ns,
+    seconds_of_digits,
     since_1970,
 )
 
 Notes = Mapping[str, Any]
 
 RATE = ("fs", "sampling_rate", "sampling_rate_hz", "sampling_frequency", "sample_rate", "rate",
-        "samplerate", "samplingrate", "sampling_freq")  # fmt: skip
-STEP_NOTES = ("dt", "sampling_interval", "sample_interval", "wf_increment", "delta_t")
+        "samplerate", "samplingrate", "sampling_freq", "f_s", "fsamp", "samplingfrequency",
+        "sample_frequency", "samplefrequency", "srate")  # fmt: skip
+STEP_NOTES = ("dt", "sampling_interval", "sample_interval", "wf_increment", "delta_t",
+              "time_step", "timestep")  # fmt: skip
+# Also how long was measured, or when it began.
+SHORT_STEP_NOTES = ("ts", "t_s", "sample_time", "sampling_time", "sample_period", "sampling_period")
+LONGEST_SHORT_STEP = 1.0  # [s]
 START = ("start_timestamp", "start_time", "wf_start_time", "start", "t0", "starttime")
 OFFSET = ("wf_start_offset",)  # of the first sample behind `START` [s]
 UNIT_NOTES = ("unit_str", "unit_string", "unit", "units")
@@ -275,14 +282,23 @@ def _rate(array: NamedArray, path: Path) -> float | None:
     rate = _find_note(array.notes, RATE)
     if rate is not None:
         return _number(rate, "the sampling rate", _FREQUENCY, path)
+    factors = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "": 1.0}
     step = _find_note(array.notes, STEP_NOTES)
     if step is None:
-        return None
-    factors = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "": 1.0}
+        return _rate_of_short_step(_find_note(array.notes, SHORT_STEP_NOTES), factors)
     seconds = _number(step, "the sampling interval", factors, path)
     if not 0 < seconds < float("inf"):
         raise FileError(f"{path}: the sampling interval is {seconds:g} s; it must be positive")
     return 1.0 / seconds
+
+
+def _rate_of_short_step(step: Any, factors: Mapping[str, float]) -> float | None:
+    """Return the rate of a note such as MATLAB's Ts [Hz]; None where it is no short interval."""
+    found = _QUANTITY.fullmatch(str(step))
+    if found is None or found[2].lower() not in factors:
+        return None
+    seconds = float(found[1]) * factors[found[2].lower()]
+    return 1.0 / seconds if 0 < seconds <= LONGEST_SHORT_STEP else None
 
 
 def _number(stated: Any, what: str, factors: Mapping[str, float], path: Path) -> float:
@@ -346,6 +362,9 @@ def _seconds_of_numbers(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float
         unit or time_unit(name) or (since["unit"] if since else noted)
         or (around if known_unit(around) is not None else "")
     )  # fmt: skip
+    clock = seconds_of_digits(values, unit)
+    if clock is not None:
+        values, unit = clock, "s"
     step = float(np.median(np.diff(values[:100]))) if len(values) > 1 else None
     first = float(values[0])
     scale = Scale.of(unit, first, step if np.isfinite(first) else None)
@@ -353,7 +372,8 @@ def _seconds_of_numbers(stamp: NamedArray, path: Path) -> tuple[NDArray[np.float
         begin = timestamp_ns(since["moment"], path) + round(first * scale.seconds * 1e9)
         return np.asarray((values - values[0]) * scale.seconds), iso(begin)
     if not scale.absolute:
-        return np.asarray(values * scale.seconds, dtype=np.float64), None
+        seconds = np.asarray(values * scale.seconds, dtype=np.float64)
+        return seconds + midnights_of_numbers().seconds_added(seconds), None
     return np.asarray((values - values[0]) * scale.seconds), iso(
         since_1970(values[0].item(), scale)
     )

@@ -406,6 +406,7 @@ def _measurement_of_array(
     layout: SensorLayout | None,
 ) -> tuple[Measurement, str]:
     """See `measurement_of`."""
+    from sensors.files.fill_values import FillValues
     from sensors.files.stated_rate import with_stated_rate
     from sensors.files.text.columns import log_once
 
@@ -431,6 +432,7 @@ def _measurement_of_array(
         table, rate, note = with_stated_rate(table, stated, "the table")
     if note:
         log_once(note)
+    FillValues("the table").leave_out(table)
     found = Measurement(values, rate, names, table.units, start_ns, stamps=table.times)
     return (found if layout is None else _placed(found, layout)), note
 

@@ -15,7 +15,8 @@ from sensors.files.text.time_column import known_unit, words_of
 
 # Titles of time columns begin or end with one of these words (English and German).
 _TIME_WORDS = {
-    *("time", "timestamp", "timestamps", "datetime", "date", "elapsed", "epoch", "unix", "utc"),
+    *("time", "timestamp", "timestamps", "datetime", "datenum", "date", "elapsed", "epoch", "unix"),
+    "utc",
     *("seconds", "zeit", "zeitstempel", "datum", "uhrzeit", "messzeit", "tid", "temps", "tijd"),
 }
 _TIME_TITLES = {"t", "s", "sec", "ts", "x_value"}  # as a whole, or with a unit behind "t_"

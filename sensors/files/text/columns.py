@@ -28,7 +28,7 @@ from sensors.files.table import (
 )
 from sensors.files.text.arrow_values import values_of
 from sensors.files.text.column_titles import is_number_title, is_time_title, time_unit
-from sensors.files.text.dates import zone_in_title
+from sensors.files.text.dates import is_date_of_digits, zone_in_title
 from sensors.files.text.time_column import ClockError, TextClock
 
 logger = logging.getLogger(__name__)
@@ -120,7 +120,8 @@ def sort_columns(
     channels = tuple(i for i in range(len(columns)) if i not in left_out)
     if not channels and columns:
         time = "time " if clock == tuple(left_out) else ""
-        raise FileError(f"{path}: no channel beside the {time}{_listed(columns, sorted(left_out))}")
+        what = f"no channel beside the {time}{_listed(columns, sorted(left_out))}"
+        raise FileError(f"{path}: {what}{_text_among(columns, texts)}")
     channels = tuple(channels[i] for i in wanted.among([columns[i].name for i in channels]))
     sentences = [
         f"{path}: column {columns[number].name!r} holds text "
@@ -128,7 +129,8 @@ def sort_columns(
         for number in (texts if not wanted.names else ())
     ]
     if times:
-        sentences.append(f"{path}: {_listed(columns, times)} left out; another one is the time")
+        why = "another one is the time" if clock else "it has the date alone"
+        sentences.append(f"{path}: {_listed(columns, times)} left out; {why}")
     used = clock if wanted.stamps else ()
     return SortedColumns(
         tuple(columns), channels, used, time=wanted.time, left_out=tuple(sentences)
@@ -189,11 +191,12 @@ def no_such(names: Sequence[str]) -> str:
 
 
 def _clock_columns(columns: Sequence[Column], path: Path, wanted: Wanted) -> tuple[int, ...]:
-    dates = [i for i, each in enumerate(columns) if each.kind == "date"]
+    of_digits = [i for i, each in enumerate(columns) if _is_date_of_digits(each)]
+    dates = [i for i, each in enumerate(columns) if each.kind == "date"] + of_digits
     clocks = [i for i, each in enumerate(columns) if each.kind == "time of day"]
     if dates and clocks:
         return dates[0], clocks[0]
-    named = [i for i, each in enumerate(columns) if _holds_time(each)]
+    named = [i for i, each in enumerate(columns) if _holds_time(each) and i not in of_digits]
     if named:
         return (named[0],)
     _require_readable_time(columns, path)
@@ -227,6 +230,22 @@ def _holds_time(column: Column) -> bool:
     if column.kind in ("moment", "date", "time of day"):
         return True
     return column.kind == "number" and is_time_title(column.name)
+
+
+def _text_among(columns: Sequence[Column], texts: Sequence[int]) -> str:
+    """Return what the first of some columns of text holds instead of numbers; "" of none."""
+    if not texts:
+        return ""
+    first = columns[texts[0]]
+    text = str(next(iter(first.first), ""))
+    return f"; {first.title!r} holds text ({text!r}) where numbers are needed"
+
+
+def _is_date_of_digits(column: Column) -> bool:
+    """Whether a column has dates without marks, 20240313, and no other time."""
+    if not _holds_time(column) or column.kind != "number" or not len(column.first):
+        return False
+    return all(np.isfinite(each) and is_date_of_digits(each) for each in column.first)
 
 
 def _counts(column: Column) -> bool:

@@ -26,6 +26,7 @@ from sensors.files.text.dialect import COMMENT, TextHead, read_head
 CHUNK_BYTES = 2**22  # of text that is read at a time
 
 _CONVERSION = re.compile(r"column #(\d+): Row #(\d+): .* invalid value '(.*)'")
+_GROUPED_THOUSANDS = re.compile(r"\s*[+-]?\d{1,3}([.,'’\s]\d{3})+(?!\d)")
 _COUNT = re.compile(r"Row #(\d+): Expected (\d+) columns, got (\d+)")
 
 
@@ -91,7 +92,7 @@ def _conversion(head: TextHead) -> arrow_csv.ConvertOptions:
     columns = head.columns
     types: dict[str, pa.DataType] = {str(i): pa.float64() for i in columns.channels}
     for i in columns.clock:
-        is_number = columns.all[i].kind == "number"
+        is_number = columns.all[i].kind == "number" and len(columns.clock) == 1
         exact = pa.decimal128(32, 12) if head.exact_time else pa.float64()
         types[str(i)] = exact if is_number else pa.string()
     spelled = {each for word in MISSING for each in (word, word.upper(), word.capitalize())}
@@ -119,7 +120,8 @@ def _explain(error: str, head: TextHead) -> str:
             f"column {title!r} has {value!r} in line {line}; a time is needed: a number, or "
             "2024-12-31T23:59:59.5, alike in every row"
         )
+    between = ", without a mark between thousands" if _GROUPED_THOUSANDS.match(value) else ""
     return (
         f"column {title!r} has {value!r} in line {line}; "
-        "a number is needed (or nothing, for a missing sample)"
+        f"a number is needed{between} (or nothing, for a missing sample)"
     )

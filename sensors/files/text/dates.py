@@ -3,7 +3,7 @@
     2024-03-13T12:00:00.250Z     13.03.2024 12:00:00,250     3/13/2024 12:00:00.250 PM
     2024/03/13 12:00:00          13-Mar-2024 12:00:00.250    12:00:00.250, 00:00.25 (of no date)
 
-    13.03.2024 12:00:00,250 MEZ      12:00:00 UTC+1
+    13.03.2024 12:00:00,250 MEZ      12:00:00 UTC+1                20240313T120000.250Z
 
 A time without a zone is UTC, unless a zone is stated beside the file. Whether 3/4/2024 is in March
 or in April, only a later day shows.
@@ -41,6 +41,7 @@ _NAMES = "|".join(sorted(ZONES, key=len, reverse=True))
 
 _YEAR_FIRST = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}"
 _YEAR_LAST = r"\d{1,2}(?:\. |[-/. ])(?:\d{1,2}|[^\W\d]{3,9}\.?)[-/. ](?:\d{4}|\d{2})"
+_DIGITS = r"(?:19|20)\d{2}(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])"  # 20240313
 _DATE = rf"(?:{_YEAR_FIRST}|{_YEAR_LAST})"
 _TIME = r"\d{1,2}:\d{1,2}(?::\d{1,2}(?:[.,:]\d+)?|[.,]\d+)?"
 _ZONE = rf"(?:(?:UTC|GMT)[+-]\d{{1,2}}(?::?\d{{2}})?|{_NAMES}|Z|[+-]\d{{2}}:?\d{{2}})"
@@ -51,7 +52,10 @@ _OFFSET = re.compile(
 )
 _ABBREVIATION = re.compile(rf"(?<![A-Za-z])(?:{_NAMES})(?![A-Za-z])")
 _KINDS: dict[DateKind, re.Pattern[str]] = {
-    "moment": re.compile(rf"{_DATE}[T _,;]+{_TIME}{_ENDING}"),
+    "moment": re.compile(
+        rf"(?:{_DATE}|{_DIGITS})[T _,;]+{_TIME}{_ENDING}"
+        rf"|{_DIGITS}[T _,;]+\d{{6}}(?:[.,]\d+)?{_ENDING}"
+    ),
     "date": re.compile(_DATE),
     "time of day": re.compile(_TIME + _ENDING),
 }
@@ -122,6 +126,11 @@ def kind_of_text(text: str) -> DateKind | None:
     return next((kind for kind, form in _KINDS.items() if form.fullmatch(text.strip())), None)
 
 
+def is_date_of_digits(number: float) -> bool:
+    """Return whether a number is a date without marks: 20240313."""
+    return number == int(number) and re.fullmatch(_DIGITS, str(int(number))) is not None
+
+
 @dataclass(frozen=True, slots=True)
 class DateStyle:
     """How the times of one column are written."""
@@ -149,7 +158,7 @@ class DateStyle:
             If the order of day and month cannot be found.
         """
         first = examples[0].strip()
-        zoned = re.search(rf":\d.*{_ZONE}$", first) is not None
+        zoned = re.search(rf"(?::\d.*|[T _,;]\d{{6}}[.,\d]*\s*){_ZONE}$", first) is not None
         if kind_of_text(first) == "time of day":
             return cls("ymd", False, zoned)
         if re.match(r"\d{4}", first):
@@ -204,6 +213,7 @@ class DateStyle:
             *trimmed,
             *(months if self.order == "dmy" else []),
             (rf"^(\d{{4}})[-/.]{day}[-/.]{day}{rest}", r"\1-\2-\3 "),
+            (rf"^(\d{{4}})(\d\d)(\d\d){rest}", r"\1-\2-\3 "),
             (rf"^{day}[-/. ]{day}[-/. ](\d{{2}}){rest}", this_century),
             (rf"^{day}[-/. ]{day}[-/. ](\d{{4}}){rest}", year_last),
             (r"-(\d)\b", r"-0\1"),
@@ -211,6 +221,7 @@ class DateStyle:
 
 
 _TIMES = [
+    (r" (\d\d)(\d\d)(\d\d)", r" \1:\2:\3"),
     (r" (\d):", r" 0\1:"),
     (r":(\d):", r":0\1:"),
     (r":(\d)([.,]|$)", r":0\1\2"),

@@ -39,6 +39,7 @@ JUDGED = 60  # rows by which the columns are judged
 STATISTICS = frozenset(
     {"smp", "avg", "max", "min", "std", "tot", "med", "mom", "tmx", "tmn", "wvc"}
 )
+FEWEST_GROUPED = 5  # numbers of a column by which thousands are told from decimals
 COMMENT = ("#", "%", "//")
 DELIMITERS = (";", "\t", ",", "|", " ")  # " " stands for blanks of any number
 
@@ -46,6 +47,8 @@ _NUMBER = {
     mark: re.compile(rf"[+-]?(\d+({re.escape(mark)}\d*)?|{re.escape(mark)}\d+)([eE][+-]?\d+)?")
     for mark in ".,"
 }
+_GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}({re.escape(mark)}\d{{3}})+") for mark in ".,"}
+_BELOW_THOUSAND = re.compile(r"[+-]?\d{1,3}")
 _INFINITE = re.compile(r"[+-]?inf(inity)?", re.IGNORECASE)
 
 
@@ -236,7 +239,9 @@ class _Beginning:
             raise FileError(f"{self.path}: 0 samples below the header; at least two are needed")
         preamble = self.lines[: samples[0].number]
         some = [row for row in samples[:JUDGED] if len(row.cells) == len(kinds)]
-        columns = sort_columns(self._columns(above, kinds, some), self.path, wanted)
+        titled = self._columns(above, kinds, some)
+        self._require_no_thousands(titled, samples)
+        columns = sort_columns(titled, self.path, wanted)
         given = [name for name, _ in self._names_and_units(above, kinds)]
         columns = renamed_columns(given, columns, self.path)
         return TextHead(
@@ -316,6 +321,29 @@ class _Beginning:
             f"{self.path}: line {nearest.number + 1} has {len(nearest.cells)} titles, the samples "
             f"below it {len(kinds)} columns"
         )
+
+    def _require_no_thousands(self, columns: Sequence[Column], samples: Sequence[_Row]) -> None:
+        """Refuse a column in which the decimal mark stands between thousands.
+
+        All of its numbers with the mark are as 1,632 and 12,048,576, none as 0,163 or 1,5; and
+        others, of up to three digits, have none: decimals of a fixed number always have the mark.
+
+        Raises
+        ------
+        FileError
+        """
+        mark = self.form.decimal_point
+        grouped = _GROUPED[mark]
+        rows = [row.cells for row in samples if len(row.cells) == len(columns)]
+        for column, cells in zip(columns, zip(*rows, strict=True), strict=True):
+            numbers = [cell.strip() for cell in cells if self.form.is_number(cell)]
+            marked = [cell for cell in numbers if mark in cell]
+            plain = next((cell for cell in numbers if _BELOW_THOUSAND.fullmatch(cell)), "")
+            if len(marked) >= FEWEST_GROUPED and plain and all(map(grouped.fullmatch, marked)):
+                raise FileError(
+                    f"{self.path}: column {column.title!r} has {marked[0]!r} and {plain!r}: "
+                    f"numbers are needed without {mark!r} between thousands"
+                )
 
     def _columns(
         self, above: _Above, kinds: Sequence[ColumnKind], samples: Sequence[_Row]

@@ -3,6 +3,7 @@
     02:59:59.95, 02:00:00.00      an hour back, in autumn: the stamps behind it are an hour later
     01:59:59.95, 03:00:00.00      an hour ahead, in spring: no sample is missing
     23:59:59.95, 00:00:00.00      times of day without a date: the next day
+    86399.95, 0.00                seconds since midnight: the next day
 
 Where a zone is stated, its clock changes when the zone's does and never else: of UTC and of other
 fixed offsets an hour without rows is missing. Where none is stated, the rows alone show a change.
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.arrays import FloatArray
 from sensors.constants import DAY
 from sensors.files.table import zone_named
 from sensors.files.text.dates import offset_name, zone_offset_ns
@@ -23,6 +25,7 @@ from sensors.files.text.dates import offset_name, zone_offset_ns
 HOUR = 3600 * NANOSECONDS  # [ns]
 SLACK = 60 * NANOSECONDS  # by which a clock may be set too late, or back further than an hour [ns]
 WHOLE_DAY = round(DAY) * NANOSECONDS  # [ns]
+LONGEST_COUNT = 1e9  # from midnight or a start; 64 bits hold its nanoseconds [s]
 LATE = HOUR  # that may be missing around midnight [ns]
 SUNDAY, THURSDAY = 6, 3  # days of a week from Monday; 1970-01-01 was a Thursday
 LATEST_HOUR = 4  # of the night in which clocks change [h]
@@ -366,6 +369,9 @@ def clock_of(zone: str, *, second: bool = False) -> SummerTime | ZoneClock:
 class Midnights:
     """Follows times of day without a date over midnight, batch by batch."""
 
+    late_ns: int = LATE
+    """That may be missing around midnight [ns]."""
+
     _added: int = 0
     """To the times from the last midnight on [ns]."""
     _last: int | None = None
@@ -379,9 +385,22 @@ class Midnights:
             Since midnight, n > 0 [ns].
         """
         steps = np.diff(times, prepend=times[0] if self._last is None else np.int64(self._last))
-        added = self._added + WHOLE_DAY * np.cumsum(steps + WHOLE_DAY <= LATE)
+        over = (steps + WHOLE_DAY <= self.late_ns) & (times >= 0) & (times - steps <= WHOLE_DAY)
+        added = self._added + WHOLE_DAY * np.cumsum(over)
         self._last, self._added = int(times[-1]), int(added[-1])
         return np.asarray(times + added, dtype=np.int64)
+
+    def seconds_added(self, seconds: FloatArray) -> FloatArray:
+        """Return what numbers that count from each midnight lack to seconds of the first day.
+
+        Parameters
+        ----------
+        seconds : ndarray, shape (n,)
+            As they count, n > 0 [s].
+        """
+        bounded = np.clip(seconds, -LONGEST_COUNT, LONGEST_COUNT)
+        times = np.round(bounded * NANOSECONDS).astype(np.int64)
+        return np.asarray((self.continuous(times) - times) / NANOSECONDS, dtype=np.float64)
 
 
 def _written(stamp: int) -> str:

@@ -27,7 +27,7 @@ from sensors.files.text.dates import (
     DateStyle,
     kind_of_text,
 )
-from sensors.files.text.local_clock import Midnights, SummerTime, ZoneClock, clock_of
+from sensors.files.text.local_clock import SLACK, Midnights, SummerTime, ZoneClock, clock_of
 
 SECONDS_PER_UNIT = {
     "": 1.0,
@@ -57,6 +57,8 @@ COUNTED_FROM_1970 = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # larger numbers
 SPREADSHEET_DAYS = (25_569, 73_050, 25_569)  # 1970 to 2100, since 1899-12-30
 MATLAB_DAYS = (719_529, 767_010, 719_529)  # since the year 0
 SHORTEST_STEP = 2.0 / DAY  # of such days [d]
+CLOCK_DIGITS = ("hhmmss", "hhmmss.s", "hhmmss.ss", "hhmmss.sss")  # "units" of such numbers
+MINUTE_LEAP = 40.0  # of such a number at a full minute
 LONGEST_STEP = 2.0  # a number without a unit that steps by so much counts no seconds
 
 
@@ -140,6 +142,49 @@ def _scale_by_size(first: float, step: float | None) -> Scale | None:
     return None
 
 
+def seconds_of_digits(values: NDArray[Any], unit: str) -> FloatArray | None:
+    """Return seconds since midnight of numbers such as 215959.50, 21:59:59.50; None: they are none.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Numbers of a time column.
+    unit : str
+        Of the column; empty: not stated.
+
+    Notes
+    -----
+    Where the unit does not state it, a full minute shows it: no number is between 60 and 100 then,
+    and the clock goes on evenly where the number leaps by 40.
+    """
+    stated = unit.strip().lower() in CLOCK_DIGITS
+    if unit and not stated:
+        return None
+    number = np.asarray(values, dtype=np.float64)
+    if not ((number >= 0) & (number < 240_000)).all():
+        return None
+    minutes, seconds = number // 100 % 100, number % 100
+    if (minutes >= 60).any() or (seconds >= 60).any():
+        return None
+    since_midnight = np.asarray(number // 10_000 * 3600 + minutes * 60 + seconds)
+    if stated:
+        return since_midnight
+    steps = np.diff(since_midnight)
+    leaps = np.diff(number) - steps > 0.5 * MINUTE_LEAP
+    even = (
+        np.abs(steps[leaps] - np.median(steps)) <= 0.5 * np.median(steps) if len(steps) else leaps
+    )
+    return since_midnight if leaps.any() and even.all() else None
+
+
+def midnights_of_numbers() -> Midnights:
+    """Return what follows numbers over midnight: only where next to nothing is missing there.
+
+    A count that starts again may have begun at any time before.
+    """
+    return Midnights(late_ns=SLACK)
+
+
 @dataclass(slots=True)
 class TextClock:
     """The time column of a file, batch by batch.
@@ -173,8 +218,12 @@ class TextClock:
     """Stamps that were read."""
 
     _scale: Scale | None = None
+    _of_digits: bool = False
+    """Whether its numbers are hours, minutes and seconds, 215959.50."""
+
     _style: DateStyle | None = field(default=None)
     _midnights: Midnights = field(default_factory=Midnights)
+    _counted_midnights: Midnights = field(default_factory=midnights_of_numbers)
     local_clock: SummerTime | ZoneClock = field(init=False)
     """Reads dates without a zone."""
 
@@ -231,11 +280,26 @@ class TextClock:
         except DateError as error:
             raise ClockError(f"has {error}") from error
         except pa.ArrowInvalid as error:
-            odd = next((i for i, each in enumerate(texts.to_pylist()) if not kind_of_text(each)), 0)
+            odd = self._first_odd(texts)
             raise ClockError(
                 f"has {texts[odd].as_py()!r} in sample {self._rows + odd + 1}; a time is needed: a "
                 "number, or 2024-12-31T23:59:59.5, alike in every row"
             ) from error
+
+    def _first_odd(self, texts: pa.Array) -> int:
+        """Return the place of the first text that is no time, or no time in the column's style."""
+        for place, each in enumerate(texts.to_pylist()):
+            if not kind_of_text(each):
+                return place
+        good, bad = 0, len(texts)  # all before `good` are read; one before `bad` is not
+        while self._style is not None and bad - good > 1:
+            middle = (good + bad) // 2
+            try:
+                self._style.nanoseconds(texts.slice(good, middle - good))
+                good = middle
+            except pa.ArrowInvalid:
+                bad = middle
+        return good
 
     def _of_nanoseconds(self, stamps: NDArray[np.int64], *, dated: bool) -> FloatArray:
         if self._first is None:
@@ -245,8 +309,23 @@ class TextClock:
 
     def _of_numbers(self, values: NDArray[Any]) -> FloatArray:
         self._require_all(~np.isfinite(values))
+        if self._scale is None and seconds_of_digits(values, self.unit) is not None:
+            self._of_digits = True
+        if self._of_digits:
+            values = self._clock_of(values)
         scale = self._scale_of(values[0].item(), values[: min(len(values), 100)])
-        return np.asarray((values - self._first) * scale.seconds, dtype=np.float64)
+        seconds = np.asarray((values - self._first) * scale.seconds, dtype=np.float64)
+        if scale.absolute:
+            return seconds
+        return seconds + self._counted_midnights.seconds_added(values * scale.seconds)
+
+    def _clock_of(self, values: NDArray[Any]) -> FloatArray:
+        seconds = seconds_of_digits(values, CLOCK_DIGITS[0])
+        if seconds is None:
+            raise ClockError(
+                "has hours, minutes and seconds as 215959.50 at first and other numbers later"
+            )
+        return seconds
 
     def _of_decimals(self, column: pa.Array) -> FloatArray:
         """Numbers of so many digits that a double does not hold them."""
@@ -258,7 +337,8 @@ class TextClock:
     def _scale_of(self, first: int | float | Decimal, some: NDArray[Any]) -> Scale:
         if self._scale is None:
             step = float(np.median(np.diff(some))) if len(some) > 1 else None
-            self._scale = Scale.of(self.unit, float(first), step)
+            unit = "s" if self._of_digits else self.unit
+            self._scale = Scale.of(unit, float(first), step)
             self._first = first
             if self._scale.absolute:
                 self.start_ns = since_1970(first, self._scale)

@@ -249,3 +249,15 @@ def test_simulated_blocks_stand_where_their_stamps_are_and_missing_ones_are_a_ga
 def test_a_simulation_of_which_no_block_arrives_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"short.toml holds no acceleration blocks"):
         simulated(tmp_path, 'faults = [{ kind = "dropped", start = 0.0, duration = 60.0 }]')
+
+
+def test_what_a_logger_writes_for_no_value_is_missing_in_an_array_too(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    samples = np.random.default_rng(8).standard_normal((2000, 2))
+    samples[300:310, 1] = -9999.0
+    given = samples.copy()
+    found, _ = measurement_of(samples, 40.0, None, None)
+    assert np.argwhere(np.isnan(found.samples)).tolist() == [[i, 1] for i in range(300, 310)]
+    np.testing.assert_array_equal(samples, given)  # the caller's own array stays as it is
+    assert any("the table: ch2 has -9999 again and again" in each for each in caplog.messages)

@@ -233,6 +233,24 @@ def test_a_layout_file_may_repeat_the_unit_that_the_file_states(unit: str, tmp_p
     np.testing.assert_allclose(first.samples[:, 1], 1.0)
 
 
+@pytest.mark.parametrize("count", [1, 7, 600])
+def test_samples_that_a_file_repeats_of_the_one_before_are_taken_once(
+    count: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    samples = SAMPLES.copy()
+    samples[598] = np.nan
+    first = written(tmp_path / "a.csv", text(samples[:600]))
+    next_one = text(samples[600 - count :], begin=(600 - count) / RATE)
+    second = written(tmp_path / "b.csv", next_one)
+    again = imported([first, second], tmp_path / "again.mcap")
+    whole = imported([written(tmp_path / "c.csv", text(samples))], tmp_path / "whole.mcap")
+    assert [block.start_ns for block in again] == [block.start_ns for block in whole]
+    for block, expected in zip(again, whole, strict=True):
+        np.testing.assert_array_equal(block.samples, expected.samples)
+    last = "sample" if count == 1 else f"{count} samples"
+    assert f"{second} begins with the last {last} of {first}, taken once" in caplog.messages
+
+
 def test_what_cannot_be_joined_says_so_in_one_line(tmp_path: Path) -> None:
     first = written(tmp_path / "a.csv", text(SAMPLES[:600]))
     overlapping = written(tmp_path / "b.csv", text(SAMPLES[:600], begin=14.0))

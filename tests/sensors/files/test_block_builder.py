@@ -102,7 +102,14 @@ def test_a_row_without_any_number_is_missing_and_nothing_else_is() -> None:
         ),
         ([(0, table(START, [0.0, 0.2, 0.1]))], "goes back at 2023-11-14 22:13:20.100"),
         ([(0, table(START, [0.0])), (0, table(START, [0.0]))], "a.csv: time stands still"),
-        ([(0, table(START, [0.0])), (1, table(START, [0.0]))], "b.csv begins at .*before a.csv"),
+        (
+            [(0, table(START, [0.0])), (1, table(START, [0.0], [2.0]))],
+            "b.csv begins at .*before a.csv .*, with other samples",
+        ),
+        (
+            [(0, table(START, [0.0, 0.1])), (1, table(START - 10**8, [0.0, 0.1, 0.2]))],
+            "b.csv begins at .*before a.csv .*, with other samples",
+        ),
         ([(0, table(0, [-1.0]))], "a.csv begins at -1.000 s, before 1970"),
     ],
 )

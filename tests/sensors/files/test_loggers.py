@@ -1,6 +1,7 @@
 """Text files as instruments, spreadsheets and programs write them: one measurement in each."""
 
 import gzip
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
@@ -47,6 +48,12 @@ def as_date(form: str) -> Callable[[int], str]:
     return lambda i: MOMENTS[i].strftime(form)
 
 
+def clock_digits(i: int) -> str:
+    """Hours, minutes and seconds from 11:59:59.60 on: 115959.60."""
+    hours, rest = divmod(12 * 3600 - 0.4 + i / RATE, 3600)
+    return f"{hours * 10_000 + rest // 60 * 100 + round(rest % 60, 2):09.2f}"
+
+
 def german(i: int, hour: int = 12) -> str:
     moment = MOMENTS[i].replace(hour=hour)
     return moment.strftime("%d.%m.%Y %H:%M:%S,") + f"{moment.microsecond // 1000:03d}"
@@ -80,6 +87,13 @@ RELATIVE = {
     + rows(comma_seconds, ";", ","),
     "times of day": "Time," + SI.format(",") + rows(as_date("%H:%M:%S.%f")),
     "milliseconds by name": "time_ms," + SI.format(",") + rows(lambda i: f"{20 * i}"),
+    "a clock of digits": "UTC," + SI.format(",") + rows(clock_digits),
+    "a clock of digits by its unit": "Time [hhmmss]," + SI.format(",")
+    + rows(lambda i: f"1200{i / RATE:05.2f}"),
+    "a date of digits and a clock of digits": "Date;Time;" + SI.format(";")
+    + rows(lambda i: f"20240313;{clock_digits(i)}", ";"),
+    "milliseconds since midnight": "t [ms]," + SI.format(",")
+    + rows(lambda i: f"{(86_399_500 + 20 * i) % 86_400_000}"),
 }  # fmt: skip
 ABSOLUTE = {
     "dates as Germans write them": "Datum/Uhrzeit;" + SI.format(";") + rows(german, ";", ","),
@@ -100,6 +114,10 @@ ABSOLUTE = {
     + rows(lambda i: german(i, 13), ";", ","),
     "strokes between year and month": "Time," + SI.format(",")
     + rows(as_date("%Y/%m/%d %H:%M:%S.%f")),
+    "ISO without marks": "Time," + SI.format(",") + rows(as_date("%Y%m%dT%H%M%S.%fZ")),
+    "digits apart by a blank": "Time;" + SI.format(";") + rows(as_date("%Y%m%d %H%M%S,%f"), ";"),
+    "a date of digits and a time of day": "Date;Time;" + SI.format(";")
+    + rows(as_date("%Y%m%d;%H:%M:%S.%f"), ";"),
     "milliseconds since 1970": "timestamp," + SI.format(",")
     + rows(lambda i: str(STAMPS[i].astype(int) // 10**6)),
     "nanoseconds since 1970": "timestamp," + SI.format(",")
@@ -144,6 +162,16 @@ def test_every_encoding_has_its_square(tmp_path: Path, encoding: str) -> None:
     assert table.names == ("a", "b")
     assert table.units == ("m/s²", "m/s²")
     np.testing.assert_array_equal(table.samples, SAMPLES)
+
+
+def test_a_date_of_digits_alone_is_no_time(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = written(tmp_path / "a.csv", "Date," + SI.format(",") + rows(lambda i: "20240313"))
+    table = read_file(path, wanted=replace(EVERYTHING, rate_known=True))
+    np.testing.assert_array_equal(table.samples, SAMPLES)
+    assert table.times is None
+    assert caplog.messages == [f"{path}: column 'Date' left out; it has the date alone"]
 
 
 def test_a_zipped_file_is_read_and_a_cut_one_is_one_line(tmp_path: Path) -> None:
@@ -217,12 +245,16 @@ def test_a_stated_order_does_not_turn_dates_that_are_clear(tmp_path: Path) -> No
         ("t,a,b\n" + rows(lambda i: str(20 * i)), "steps by 20 and has no unit"),
         ("t [s],a,b\n" + rows(lambda i: str(10**12 + 20 * i)), "after the year 2100"),
         ("t,a\n" + rows(seconds), "line 1 has 2 titles, the samples below it 3 columns"),
-        ("t,a,b\n" + rows(seconds) + '0.8,"1,234.5",1\n', "has '1,234.5' in line 42"),
+        (
+            "t,a,b\n" + rows(seconds) + '0.8,"1,234.5",1\n',
+            "in line 42; a number is needed, without",
+        ),
         ("t,a,b\nx\n" + "\0" * 50, "this is no text"),
         ("# only\n# comments\n", "the file is empty"),
         ("PK\x03\x04" + "\0" * 50, "no text but an archive or a workbook"),
         ('"TOB1","TOWER"\n' + "\0" * 50, "convert it to TOA5"),
         ("t,a,b\n" + rows(lambda i: f"12 o'clock {i}"), "a time is needed"),
+        ("t,a,b\n" + rows(lambda i: f"{23 + i // 17}:{i % 17:02d}:00"), "'24:00:00' in sample 18;"),
     ],
 )
 def test_what_may_be_meant_otherwise_is_one_line(tmp_path: Path, text: str, message: str) -> None:
@@ -230,6 +262,41 @@ def test_what_may_be_meant_otherwise_is_one_line(tmp_path: Path, text: str, mess
         read_file(written(tmp_path / "a.csv", text))
     assert str(tmp_path / "a.csv") in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def counted(number: Callable[[float], str], separator: str = ";") -> str:
+    """Counts of two channels, up to a few thousand, at 10 ms."""
+    titles = separator.join(["t [ms]", "a", "b [m/s²]"]) + "\n"
+    lines = (
+        separator.join([str(10 * i), *map(number, pair)])
+        for i, pair in enumerate((2000 * SAMPLES).tolist())
+    )
+    return titles + "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (counted(lambda x: f"{x:,.0f}"), "column 'a' has '-1,604' and '-497'"),
+        (counted(lambda x: f"{x:,.0f}".replace(",", ".")), "column 'a' has '-1.604' and '-497'"),
+        (counted(lambda x: f'"{x:,.0f}"', ","), "column 'a' has '-1,604' and '-497'"),
+        (counted(lambda x: f"{x:,.1f}"), "holds text ('-1,603.9') where numbers are needed"),
+        (counted(lambda x: f"{x:,.1f}".replace(",", "'")), 'holds text ("-1\'603.9")'),
+    ],
+)
+def test_marks_between_thousands_are_one_line(tmp_path: Path, text: str, message: str) -> None:
+    """They were decimal marks, and 1,604 a thousandth of 1604."""
+    path = written(tmp_path / "a.csv", text)
+    with pytest.raises(FileError, match=re.escape(message)):
+        read_file(path)
+
+
+@pytest.mark.parametrize("number", ["{:.3f}", "{:.4g}", "{:.6g}", "{:.0f}"])
+def test_decimals_of_three_digits_are_decimals(tmp_path: Path, number: str) -> None:
+    shown = [[float(number.format(x)) for x in pair] for pair in (20 * SAMPLES).tolist()]
+    lines = (";".join([str(10 * i), *map(number.format, pair)]) for i, pair in enumerate(shown))
+    path = written(tmp_path / "a.csv", "t [ms];a;b\n" + "\n".join(lines) + "\n")
+    np.testing.assert_array_equal(read_file(path).samples, shown)
 
 
 def campbell(i: int) -> str:

@@ -52,6 +52,9 @@ def hdf5(folder: Path, fill: Callable[[h5py.File], None]) -> Path:
         {"acc": SAMPLES, "fs": [[50.0]]},
         {"acc": SAMPLES, "dt": "0.02"},
         {"acc": SAMPLES, "dt": "20 ms"},
+        {"acc": SAMPLES, "f_s": 50.0},
+        {"acc": SAMPLES, "Ts": 0.02},
+        {"acc": SAMPLES, "sampling_time": "20 ms"},
         {"acc": SAMPLES.astype(">f8"), "t": SECONDS[:, None]},
         {"acc": SAMPLES, "time_ms": np.arange(60) * 20},
         {"table": TABLE},
@@ -470,13 +473,33 @@ def test_cells_of_matlab_that_hold_more_than_texts_are_no_names(tmp_path: Path) 
     assert read_file(tmp_path / "a.mat").names != ("a", "2.0")
 
 
-def test_days_of_matlab_in_a_mat_file_have_a_date(tmp_path: Path) -> None:
+@pytest.mark.parametrize("note", [{"ts": 1.7e9}, {"sampling_time": 600.0}, {"ts": "yesterday"}])
+def test_how_long_was_measured_or_when_is_no_interval(tmp_path: Path, note: Notes) -> None:
+    assert read_file(npz(tmp_path, acc=SAMPLES, **note)).sampling_rate is None
+
+
+@pytest.mark.parametrize("name", ["time", "datenum"])
+def test_days_of_matlab_in_a_mat_file_have_a_date(tmp_path: Path, name: str) -> None:
     days = 719_529 + START_NS / 86_400e9 + SECONDS / 86_400
-    savemat(tmp_path / "a.mat", {"time": days[:, None], "acc": SAMPLES.T})
+    savemat(tmp_path / "a.mat", {name: days[:, None], "acc": SAMPLES.T})
     table = read_file(tmp_path / "a.mat")
     np.testing.assert_array_equal(table.samples, SAMPLES)
     assert abs(table.start_ns - START_NS) < 100_000  # what a double holds of such days
     assert table.sampling_rate == pytest.approx(RATE)
+
+
+def test_seconds_since_midnight_in_a_mat_file_go_on_over_midnight(tmp_path: Path) -> None:
+    clock = (86_399.5 + SECONDS) % 86_400
+    savemat(tmp_path / "a.mat", {"time": clock[:, None], "acc": SAMPLES.T})
+    times = read_file(tmp_path / "a.mat").times
+    np.testing.assert_allclose(times, SECONDS, atol=1e-9)
+
+
+def test_a_clock_of_digits_in_a_mat_file_is_no_count_of_seconds(tmp_path: Path) -> None:
+    clock = np.where(SECONDS < 0.6, 115_959.4 + SECONDS, 120_000 + SECONDS - 0.6)
+    savemat(tmp_path / "a.mat", {"time": clock[:, None], "acc": SAMPLES.T})
+    times = read_file(tmp_path / "a.mat").times
+    np.testing.assert_allclose(times, SECONDS, atol=1e-9)
 
 
 def outb(kind: int, samples: np.ndarray[Any, Any]) -> bytes:

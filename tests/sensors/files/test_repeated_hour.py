@@ -140,6 +140,8 @@ def test_a_file_that_runs_past_the_hour_ends_when_it_does(tmp_path: Path) -> Non
 
 def test_files_that_overlap_in_either_hour_name_the_change(tmp_path: Path) -> None:
     files = [written(tmp_path / f"{name}.csv", "00:20") for name in "abc"]
+    for number, file in enumerate(files):
+        file.write_text(file.read_text().replace(",3,3\n", f",3,{number}\n"))
     with pytest.raises(InputError, match=r"must not overlap\. Summer time of Europe/Berlin ends"):
         list(open_measurement(files, time=BERLIN).blocks())
 

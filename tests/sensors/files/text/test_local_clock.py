@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sensors.files.text.local_clock import Midnights, SummerTime, ZoneClock, clock_changes
+from sensors.files.text.time_column import midnights_of_numbers
 
 STEP = 50_000_000  # [ns]
 
@@ -58,6 +59,29 @@ def test_times_of_day_go_on_over_midnight(batch: int) -> None:
 def test_times_of_day_that_go_back_otherwise_are_left() -> None:
     times = np.array([5, 6, 3, 4]) * 3600 * 10**9
     np.testing.assert_array_equal(Midnights().continuous(times), times)
+
+
+@pytest.mark.parametrize("batch", [7, 40])
+def test_seconds_since_midnight_go_on_over_midnight(batch: int) -> None:
+    seconds = 86_399.0 + 0.05 * np.arange(60)
+    counted = seconds % 86_400
+    clock = midnights_of_numbers()
+    added = [clock.seconds_added(counted[i : i + batch]) for i in range(0, 60, batch)]
+    np.testing.assert_allclose(counted + np.concatenate(added), seconds, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "counted",
+    [
+        [83_000.0, 83_000.1, 0.0, 0.1],  # another start, not midnight
+        [90_000.0, 90_000.1, 3_600.0, 3_600.1],  # no count since midnight is so large
+        [86_399.9, 86_400.0, -0.1, 0.0],
+        [1e300, 0.0],
+    ],
+)
+def test_a_count_that_begins_again_at_another_time_is_left(counted: list[float]) -> None:
+    added = midnights_of_numbers().seconds_added(np.array(counted))
+    np.testing.assert_array_equal(added, 0.0)
 
 
 def berlin(begin: str, utc_steps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
