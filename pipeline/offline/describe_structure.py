@@ -11,7 +11,7 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.full_model_modes import FullModes, full_modes
 from sensors.structure.description import Direction, TurbineDescription
 
-N_MODES = 6
+N_MODES = 12  # of a turbine with blades, whose own lie between, the second bending modes too
 STILL = 1e-6  # of the largest motion of any mode: below it the tower does not sway [-]
 POINTS = 60  # of the tower at which its shapes are computed
 HIGHEST_DESCRIBED = 12.5  # of the modes [Hz]

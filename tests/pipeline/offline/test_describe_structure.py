@@ -57,6 +57,13 @@ def test_the_shipped_turbine_has_the_masses_of_its_sources() -> None:
     assert figures.as_json()["water_depth_m"] == 30.0
 
 
+def test_the_second_bending_modes_are_listed_behind_those_of_the_blades() -> None:
+    """The definition's modes 4 and 5; between them and the first pair are the blades' own."""
+    figures = structure_figures(load_turbine("iea15mw_monopile"))
+    bending = [f for f, _, blades in figures.first if blades < 0.5]
+    assert bending[2:4] == pytest.approx([1.0898, 1.1064], rel=0.02)
+
+
 def test_the_picture_is_written(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     draw_structure(structure_figures(load_turbine("iea15mw_monopile")), tmp_path / "tower.png")
