@@ -35,16 +35,13 @@ class StructureFigures:
     @property
     def top_mass(self) -> float:
         """Mass of nacelle, hub and other bodies on the tower's top, without blades [kg]."""
-        top = self.description.rotor_nacelle
-        return top.hub_mass + sum(body.mass for body in top.bodies)
+        return self.description.rotor_nacelle.mass
 
     @property
     def blade_mass(self) -> float:
         """Mass of all blades [kg]."""
         blades = self.description.blades
-        if blades is None:
-            return 0.0
-        return blades.number * sum(part.mass_per_length * part.length for part in blades.elements)
+        return 0.0 if blades is None else blades.mass
 
     @property
     def water_depth(self) -> float:
