@@ -84,12 +84,20 @@ class StructureFigures:
             ("water depth", f"{self.water_depth:g} m"),
             ("mass of the tubes", f"{self.tube_mass / 1e3:,.0f} t"),
             ("mass on the top, without blades", f"{self.top_mass / 1e3:,.0f} t"),
+            ("inertia of the nacelle", self._inertia),
             ("mass of the blades", f"{self.blade_mass / 1e3:,.0f} t"),
             ("rotor radius", f"{length:g} m"),
             ("k11, k22, k12", f"{k11:.4g} N/m, {k22:.4g} N·m/rad, {k12:.4g} N/rad"),
             ("sign of k12", described.foundation.sign),
             ("moving mass below the mudline", self._moving_mass),
         ]
+
+    @property
+    def _inertia(self) -> str:
+        top = self.description.rotor_nacelle
+        if top.has_inertia:
+            return "stated"
+        return "none stated: a point mass" if top.mass else "none"
 
     @property
     def _moving_mass(self) -> str:

@@ -251,6 +251,11 @@ class RotorNacelle:
         """Mass of hub and bodies, without blades [kg]."""
         return self.hub_mass + sum(body.mass for body in self.bodies)
 
+    @property
+    def has_inertia(self) -> bool:
+        """Whether a body is more than a point mass."""
+        return any(any(body.inertia) for body in self.bodies)
+
 
 @dataclass(frozen=True, slots=True)
 class BladeElement:
