@@ -11,7 +11,7 @@ from sensors.arrays import FloatArray
 from sensors.dynamics.full_model_modes import FullModes, full_modes
 from sensors.structure.description import Direction, TurbineDescription
 
-N_MODES = 6
+N_MODES = 12  # of a turbine with blades, whose own lie between, the second bending modes too
 STILL = 1e-6  # of the largest motion of any mode: below it the tower does not sway [-]
 POINTS = 60  # of the tower at which its shapes are computed
 HIGHEST_DESCRIBED = 12.5  # of the modes [Hz]
@@ -35,16 +35,13 @@ class StructureFigures:
     @property
     def top_mass(self) -> float:
         """Mass of nacelle, hub and other bodies on the tower's top, without blades [kg]."""
-        top = self.description.rotor_nacelle
-        return top.hub_mass + sum(body.mass for body in top.bodies)
+        return self.description.rotor_nacelle.mass
 
     @property
     def blade_mass(self) -> float:
         """Mass of all blades [kg]."""
         blades = self.description.blades
-        if blades is None:
-            return 0.0
-        return blades.number * sum(part.mass_per_length * part.length for part in blades.elements)
+        return 0.0 if blades is None else blades.mass
 
     @property
     def water_depth(self) -> float:
@@ -87,12 +84,20 @@ class StructureFigures:
             ("water depth", f"{self.water_depth:g} m"),
             ("mass of the tubes", f"{self.tube_mass / 1e3:,.0f} t"),
             ("mass on the top, without blades", f"{self.top_mass / 1e3:,.0f} t"),
+            ("inertia of the nacelle", self._inertia),
             ("mass of the blades", f"{self.blade_mass / 1e3:,.0f} t"),
             ("rotor radius", f"{length:g} m"),
             ("k11, k22, k12", f"{k11:.4g} N/m, {k22:.4g} N·m/rad, {k12:.4g} N/rad"),
             ("sign of k12", described.foundation.sign),
             ("moving mass below the mudline", self._moving_mass),
         ]
+
+    @property
+    def _inertia(self) -> str:
+        top = self.description.rotor_nacelle
+        if top.has_inertia:
+            return "stated"
+        return "none stated: a point mass" if top.mass else "none"
 
     @property
     def _moving_mass(self) -> str:

@@ -3,13 +3,14 @@
 from pathlib import Path
 from typing import Any
 
-from pipeline.offline.describe_structure import N_MODES, StructureFigures
+from pipeline.offline.describe_structure import StructureFigures
 from pipeline.report.canvas import DOTS_PER_INCH, new_figure
 from sensors.errors import InputError
 from sensors.structure.description import TurbineDescription
 
 STEEL, SEA, GROUND, ROTOR = "#56B4E9", "#0072B2", "#8C8C8C", "#E69F00"  # colour-blind safe
 SEA_DEPTH = 0.25  # transparency of the water [-]
+PANELS = 6  # of modes, beside the structure
 
 
 def draw_structure(figures: StructureFigures, path: Path) -> None:
@@ -24,10 +25,11 @@ def draw_structure(figures: StructureFigures, path: Path) -> None:
         If the file cannot be written.
     """
     figure = new_figure((13, 7))
-    widths = [2.2] + [1.0] * min(N_MODES, len(figures.first))
+    modes = figures.first[:PANELS]
+    widths = [2.2] + [1.0] * len(modes)
     structure_axes, *mode_axes = figure.subplots(1, len(widths), sharey=True, width_ratios=widths)
     _draw_structure(structure_axes, figures.description)
-    for number, (axes, mode) in enumerate(zip(mode_axes, figures.first, strict=True)):
+    for number, (axes, mode) in enumerate(zip(mode_axes, modes, strict=True)):
         frequency, direction, blades = mode
         axes.plot(figures.shape(number), figures.elevations, color=STEEL)
         axes.axvline(0.0, color=GROUND, linewidth=0.6)

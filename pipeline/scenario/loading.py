@@ -34,6 +34,9 @@ def shipped_scenarios() -> tuple[str, ...]:
 def load_scenario(name_or_path: str) -> Scenario:
     """Return a shipped scenario by name, or one's own by path.
 
+    A file that one's own names is the one beside it, and only where there is none the one in the
+    working folder.
+
     Raises
     ------
     ScenarioError
@@ -47,7 +50,8 @@ def load_scenario(name_or_path: str) -> Scenario:
     path = Path(name_or_path)
     try:
         text = path.read_text(encoding="utf-8-sig")
-        return replace(scenario_from_text(text, name_or_path), origin=name_or_path)
+        scenario = replace(scenario_from_text(text, name_or_path), origin=name_or_path)
+        return _with_files_beside(scenario, path.parent)
     except FileNotFoundError:
         shipped_names = ", ".join(shipped_scenarios())
         raise ScenarioError(
@@ -191,17 +195,39 @@ def _structure_word(structure: StructureSettings) -> str:
 
 def _named_files(scenario: Scenario) -> dict[str, str]:
     """Return the texts of the files that a scenario names, those it brings along first."""
+    return _texts_in(Path(), scenario) | dict(scenario.files)
+
+
+def _with_files_beside(scenario: Scenario, folder: Path) -> Scenario:
+    """Return the scenario with the texts of the files that it names and that are in its folder."""
+    beside = _texts_in(folder, scenario)
+    for name in beside:
+        other = Path(name)
+        if other.is_file() and not other.samefile(folder / name):
+            logger.warning(
+                "%s: %s is %s, beside the scenario, and not %s", scenario.origin, name,
+                folder / name, other.resolve(),
+            )  # fmt: skip
+    structure = scenario.simulation.structure
+    if structure in beside:
+        simulation = replace(scenario.simulation, structure=str(folder / structure))
+        scenario = replace(scenario, simulation=simulation)
+    return replace(scenario, files=tuple(beside.items()))
+
+
+def _texts_in(folder: Path, scenario: Scenario) -> dict[str, str]:
+    """Return the texts of the files that a scenario names and that can be read from a folder."""
     names = [
         scenario.turbine.description,
         *(member.description for member in scenario.farm.members),
         scenario.simulation.structure,
         scenario.updating.population,
     ]
-    found = dict(scenario.files)
+    found = {}
     for name in names:
-        if name and name not in (*SHIPPED, NO_STRUCTURE) and name not in found:
+        if name and name not in (*SHIPPED, NO_STRUCTURE):
             with suppress(OSError, UnicodeDecodeError):  # who needs the file reports it
-                found[name] = Path(name).read_text(encoding="utf-8-sig")
+                found[name] = (folder / name).read_text(encoding="utf-8-sig")
     return found
 
 

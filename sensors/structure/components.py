@@ -246,6 +246,16 @@ class RotorNacelle:
         check_not_negative("rotor_nacelle", "hub_mass", self.hub_mass)
         check_not_negative("rotor_nacelle", "hub_inertia", self.hub_inertia)
 
+    @property
+    def mass(self) -> float:
+        """Mass of hub and bodies, without blades [kg]."""
+        return self.hub_mass + sum(body.mass for body in self.bodies)
+
+    @property
+    def has_inertia(self) -> bool:
+        """Whether a body is more than a point mass."""
+        return any(any(body.inertia) for body in self.bodies)
+
 
 @dataclass(frozen=True, slots=True)
 class BladeElement:
@@ -329,6 +339,11 @@ class Blades:
                 f"blades: the first element starts at {self.elements[0].inner:g} m; "
                 "it starts at the root, 0 m"
             )
+
+    @property
+    def mass(self) -> float:
+        """Mass of all blades [kg]."""
+        return self.number * sum(part.mass_per_length * part.length for part in self.elements)
 
     @property
     def is_twisted(self) -> bool:

@@ -38,6 +38,12 @@ SHIPPED = ("iea15mw_monopile", "iea15mw_detailed")
 LONGEST_ELEMENT = 1 / 12  # of the tower: the first ten frequencies of a mast are then exact to .2 %
 # Of the tower or the blade: 12 EI/L³ of a shorter one rounds off what the rest is held by.
 SHORTEST_ELEMENT = 1 / 2000
+# What is outside these is in another unit, or counted from elsewhere.
+LIGHTEST_PILE = 0.05  # moving mass of a pile over that of the lowest tube [-]
+LIGHTEST_WATER = 500.0  # [kg/m³]
+LIGHTEST_NACELLE = 0.02  # hub and bodies over the blades [-]
+LIGHTEST_BLADES = 0.002  # over hub and bodies [-]
+HIGHEST_ON_TOP = 0.25  # height above the tower's top over that of the tower [-]
 WIDEST_TUBE = 50.0  # tube that a tower or its foundation may have [m]
 SLENDERNESS = 20.0  # height over diameter of the mast drawn [-]
 
@@ -216,7 +222,10 @@ def parse_turbine(text: str, *, source: str) -> TurbineDescription:
     if "tubes" in document:
         document["tubes"] = _with_materials(document["tubes"], materials, source)
         _require_tubes_in_base_units(document["tubes"], source)
-    return settings_from_table(TurbineDescription, document, source, TurbineError).meshed()
+    described = settings_from_table(TurbineDescription, document, source, TurbineError)
+    _require_kilograms(described, source)
+    _require_places_from_the_top(described, source)
+    return described.meshed()
 
 
 def _with_materials(tubes: Any, materials: Any, source: str) -> Any:
@@ -262,6 +271,43 @@ def _require_tubes_in_base_units(tubes: Any, source: str) -> None:
             raise TurbineError(
                 f"{where}: diameter is {width:g} m; no tower is wider than {WIDEST_TUBE:g} m "
                 "(one of 9 m has 9.0)"
+            )
+
+
+def _require_kilograms(described: TurbineDescription, source: str) -> None:
+    """Raise TurbineError for masses that only tonnes can have meant, or g/cm³."""
+    moving, lowest = described.foundation.moving_mass, described.tubes[0]
+    if moving and moving < LIGHTEST_PILE * lowest.mass_per_length:
+        raise TurbineError(
+            f"{source} [foundation]: moving_mass is {moving:g} kg/m; the lowest tube alone has "
+            f"{lowest.mass_per_length:.4g} kg/m (0: nothing moves below the mudline)"
+        )
+    water = described.water or Water()
+    for key in ("density", "growth_density"):
+        if 0 < (density := getattr(water, key)) < LIGHTEST_WATER:
+            raise TurbineError(
+                f"{source} [water]: {key} is {density:g} kg/m³; sea water has 1025 kg/m³"
+            )
+    blades = described.blades
+    if blades is not None:
+        top = described.rotor_nacelle.mass
+        if 0 < top < LIGHTEST_NACELLE * blades.mass or blades.mass < LIGHTEST_BLADES * top:
+            raise TurbineError(
+                f"{source} [rotor_nacelle]: hub and bodies have {top:g} kg, the blades "
+                f"{blades.mass:g} kg in all; one of the two is not in kg"
+            )
+
+
+def _require_places_from_the_top(described: TurbineDescription, source: str) -> None:
+    """Raise TurbineError for heights on the top that count from the sea or from the mudline."""
+    most = HIGHEST_ON_TOP * (described.tower_top - described.mudline)
+    rotor = described.rotor_nacelle
+    heights = [(f"the centre of {body.name!r}", body.centre[2]) for body in rotor.bodies]
+    for name, height in (*heights, ("tower_to_shaft", rotor.tower_to_shaft)):
+        if abs(height) > most:
+            raise TurbineError(
+                f"{source} [rotor_nacelle]: {name} is at {height:g} m; heights here count from the "
+                f"tower's top, which is at {described.tower_top:g} m"
             )
 
 

@@ -166,7 +166,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "rna_height", "height of the nacelle's centre of mass", "m", 0.05, "normal",
         f"drawings; 1 % of the nacelle's height: {JUDGEMENT}", _rna_height,
-        lambda turbine: any(any(b.inertia) for b in turbine.rotor_nacelle.bodies),
+        lambda turbine: turbine.rotor_nacelle.has_inertia,
     ),
     Figure(
         "nacelle_roll_inertia", "nacelle's moment of inertia about the fore-aft axis", "-",

@@ -17,6 +17,7 @@ from pipeline.scenario import (
     shipped_scenarios,
     with_overrides,
 )
+from sensors.structure.description import load_turbine, shipped_text
 
 
 def test_every_shipped_scenario_can_be_read() -> None:
@@ -141,3 +142,41 @@ def test_a_reference_channel_that_no_sensor_is_ends_a_run_before_it_begins() -> 
     scenario = scenario_from_text('[oma]\nreference_channels = ["z999-fa"]', "own.toml")
     with pytest.raises(OmaSettingsError, match="z999-fa"):
         build(scenario, scenario.layout, Outputs())
+
+
+def _own_tower(folder: Path, k11: str) -> None:
+    folder.mkdir()
+    text = shipped_text("iea15mw_monopile").replace("k11 = 0.098e11", f"k11 = {k11}")
+    (folder / "tower.toml").write_text(text, encoding="utf-8")
+
+
+def test_a_file_that_a_scenario_names_is_the_one_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    _own_tower(tmp_path / "mine", "0.1e11")
+    _own_tower(tmp_path / "other", "0.2e11")
+    text = (
+        '[turbine]\nid = "t1"\ndescription = "tower.toml"\n[simulation]\nstructure = "tower.toml"\n'
+    )
+    (tmp_path / "mine" / "scenario.toml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)  # where there is none
+    scenario = load_scenario("mine/scenario.toml")
+    assert scenario.structure.foundation.k11 == 0.1e11
+    stored = scenario_from_metadata(scenario_metadata(scenario), "recording")
+    assert stored.structure.foundation.k11 == 0.1e11
+    assert load_turbine(scenario.simulation.structure).foundation.k11 == 0.1e11
+    assert not caplog.messages
+    monkeypatch.chdir(tmp_path / "other")  # where there is that of another tower
+    assert load_scenario("../mine/scenario.toml").structure.foundation.k11 == 0.1e11
+    assert any("beside the scenario" in message for message in caplog.messages)
+
+
+def test_a_file_that_is_not_beside_the_scenario_is_that_of_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _own_tower(tmp_path / "towers", "0.1e11")
+    (tmp_path / "scenarios").mkdir()
+    text = '[turbine]\ndescription = "towers/tower.toml"\n'
+    (tmp_path / "scenarios" / "mine.toml").write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert load_scenario("scenarios/mine.toml").structure.foundation.k11 == 0.1e11

@@ -39,6 +39,7 @@ from pipeline.updating.structural.prior import N_SPRINGS
 from pipeline.updating.structural.refresh import JointRefresh
 from sensors.arrays import FloatArray
 from sensors.dynamics.modal_model import ModalModel
+from sensors.structure.components import RotorNacelle
 from sensors.structure.figures import LEVEL
 from sensors.structure.foundation import FoundationSprings
 
@@ -111,6 +112,7 @@ def joint_message(
             *_misfits(pairs, found),
             *unidentified_springs(parameters, guards),
             *_unstated_mass(best.fit.model.described.foundation),
+            *_unstated_inertia(best.fit.model.described.rotor_nacelle),
         ),
         figures=_figures(found),
         structure=UNCERTAIN_STRUCTURE,
@@ -211,6 +213,19 @@ def _unstated_mass(foundation: FoundationSprings) -> tuple[QualityWarning, ...]:
             "pile-mass",
             "the description states no moving_mass under [foundation]: a real pile's mass makes "
             "these springs too low (0: the foundation has none)",
+        ),
+    )
+
+
+def _unstated_inertia(top: RotorNacelle) -> tuple[QualityWarning, ...]:
+    """Of a nacelle as a point mass: without moments of inertia none is inferred."""
+    if top.has_inertia or not any(body.mass for body in top.bodies):
+        return ()
+    return (
+        QualityWarning(
+            "nacelle-inertia",
+            "the description states no inertia under [[rotor_nacelle.bodies]]: modes that turn the "
+            "tower's top are off, for which a sensor may be named",
         ),
     )
 

@@ -55,6 +55,14 @@ def test_the_shipped_turbine_has_the_masses_of_its_sources() -> None:
     assert figures.blade_mass == pytest.approx(3 * 65.25e3, rel=0.01)
     assert figures.first[0][0] == pytest.approx(0.1573, rel=1e-3)
     assert figures.as_json()["water_depth_m"] == 30.0
+    assert dict(figures.rows())["inertia of the nacelle"] == "stated"
+
+
+def test_the_second_bending_modes_are_listed_behind_those_of_the_blades() -> None:
+    """The definition's modes 4 and 5; between them and the first pair are the blades' own."""
+    figures = structure_figures(load_turbine("iea15mw_monopile"))
+    bending = [f for f, _, blades in figures.first if blades < 0.5]
+    assert bending[2:4] == pytest.approx([1.0898, 1.1064], rel=0.02)
 
 
 def test_the_picture_is_written(tmp_path: Path) -> None:
@@ -71,6 +79,7 @@ def test_of_the_steps_between_widths_the_largest_counts() -> None:
 def test_what_a_pole_does_not_have_is_described_as_nothing() -> None:
     rows = dict(structure_figures(parse_turbine(POLE, source="pole.toml")).rows())
     assert rows["rotor radius"] == "0 m"
+    assert rows["inertia of the nacelle"] == "none"
     assert rows["water depth"] == "0 m"
     assert rows["mass of the blades"] == rows["mass on the top, without blades"] == "0 t"
     assert rows["largest step of the diameter"] == "0.00 m"

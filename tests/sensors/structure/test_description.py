@@ -1,5 +1,6 @@
 """Descriptions of turbines: what ships, a user's own, and mistakes in it."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -125,6 +126,13 @@ MISTAKES = [
     ("density = 8500.0", "density = 8.5", r"\[tubes\[1\]\]: density is 8.5; steel has 7850 kg"),
     ("diameter = 3.0", "diameter = 3000", r"\[tubes\[0\]\]: diameter is 3000 m; no tower is wider"),
     ('material = "steel" }', 'material = "iron" }', r"material 'iron' is not in \[materials\]"),
+    (
+        "k12 = 0.0",
+        "k12 = 0.0\nmoving_mass = 8.79",
+        r"\[foundation\]: moving_mass is 8.79 kg/m; the lowest tube alone has 2197 kg/m",
+    ),
+    ("k12 = 0.0", "k12 = 0.0\n[water]\ndensity = 1.025", r"\[water\]: density is 1.025 kg/m³; sea"),
+    ("k12 = 0.0", "k12 = 0.0\n[water]\ngrowth_density = 1.3", r"growth_density is 1.3 kg/m³; sea"),
     ('name = "mast"', 'name = "mast', r"mast.toml: not valid TOML"),
     ('name = "mast"', 'name = "mast"\ngravitation = 9.81', r"mast.toml: unknown key 'gravitation'"),
     ('name = "mast"', "", r"mast.toml: the key 'name' is missing"),
@@ -152,6 +160,16 @@ ROTOR_MISTAKES = [
         "centre = [-4.688, 0.0, 4.240]",
         "centre = [-4.688, 0.0, 4.240]\ninertia_point = [0.0, 0.0, 0.0]",
         r"a principal moment of -1.\d*e\+07 kg·m²",
+    ),
+    (
+        "centre = [-4.688, 0.0, 4.240]",
+        "centre = [-4.688, 0.0, 149.24]",
+        r"\[rotor_nacelle\]: the centre of 'nacelle' is at 149.24 m; heights here count from",
+    ),
+    (
+        "tower_to_shaft = 4.3478",
+        "tower_to_shaft = 150",
+        r"tower_to_shaft is at 150 m; heights",
     ),
     ('name = "2", direction = "FA"', 'name = "1", direction = "FA"', r"'1' is listed more than"),
     ('direction = "SS"', 'direction = "SW"', r"direction is 'SW'; it can be 'FA' or 'SS'"),
@@ -313,3 +331,31 @@ def first_ten(mast: TurbineDescription, refinement: int = 1) -> np.ndarray:
     model = assemble(mast, tube_refinement=refinement)
     squares = eigh(model.stiffness, model.mass, eigvals_only=True, subset_by_index=[0, 9])
     return np.sqrt(squares)
+
+
+def test_masses_of_the_top_in_tonnes_are_named_beside_those_of_the_blades() -> None:
+    text = shipped_text("iea15mw_monopile")
+    for stated, tonnes in (("530887.918", "530.9"), ("190000.0", "190.0"), ("100000.0", "100.0")):
+        assert stated in text
+        text = text.replace(stated, tonnes)
+    with pytest.raises(
+        TurbineError, match=r"hub and bodies have 820.9 kg, the blades 195822 kg in all"
+    ):
+        parse_turbine(text, source="mine.toml")
+
+
+def test_blades_in_tonnes_per_metre_are_named_beside_what_carries_them() -> None:
+    tonnes = re.sub(
+        r"mass_per_length = ([\d.]+)",
+        lambda found: f"mass_per_length = {float(found[1]) / 1e3:g}",
+        shipped_text("iea15mw_monopile"),
+    )
+    with pytest.raises(
+        TurbineError, match=r"hub and bodies have 820888 kg, the blades 195.822 kg in all"
+    ):
+        parse_turbine(tonnes, source="mine.toml")
+
+
+def test_a_foundation_that_moves_nothing_is_no_slip_of_the_unit() -> None:
+    text = SMALL.replace("k12 = 0.0", "k12 = 0.0\nmoving_mass = 0.0", 1)
+    assert parse_turbine(text, source="mast.toml").foundation.moving_mass == 0.0

@@ -14,6 +14,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
+from pipeline.updating.acceptance import AcceptanceSettings
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
 from pipeline.updating.structural.joint_fit import LARGEST_COST, JointFit
 from pipeline.updating.structural.joint_model import JointPeak
@@ -31,6 +32,7 @@ FIGURES_TRIED = 5  # of sensors, those whose freedom promises most where the fit
 CORRECTIONS_TRIED = 4  # flips and swaps, those that fit best where the fit without a fault ended
 SUSPICIOUS_SHAPES = 1.35  # χ² per shape component at which faults are looked for
 MOST_OF_A_SHAPE = 25.0  # of that χ²: a sensor's fault shows in every mode, a mixture in one
+MIXED_SHARE = AcceptanceSettings.unpredicted_share  # of the modes, for which none is left out [-]
 SUSPICIOUS_COST = 1.5  # per degree of freedom, likewise
 SUSPICIOUS_PAIRS = 0.85  # share of modes with a partner, below which likewise [-]
 SUSPICIOUS_FIGURE = 3.0  # of a sensor's figure from its prior, likewise [std]
@@ -87,11 +89,23 @@ def suspicious(fit: JointFit, peak: JointPeak) -> bool:
         return True
     if not shapes.any():
         return False
-    squares = found.errors[shapes] ** 2 / fit.variances(found, 0.0)[shapes]
-    of_modes = np.bincount(found.groups[shapes], weights=squares)
-    misfit = float(np.minimum(of_modes, MOST_OF_A_SHAPE).sum() / shapes.sum())
+    misfit = float(np.minimum(_of_shapes(fit, peak), MOST_OF_A_SHAPE).sum() / shapes.sum())
     z = fit.coordinates.sensors(peak.u)
     return misfit > SUSPICIOUS_SHAPES or float(np.abs(z).max(initial=0.0)) > SUSPICIOUS_FIGURE
+
+
+def _of_shapes(fit: JointFit, peak: JointPeak) -> FloatArray:
+    """χ² of each mode's shape at a peak."""
+    found = peak.comparison
+    shapes = ~found.is_frequency
+    squares = found.errors[shapes] ** 2 / fit.variances(found, 0.0)[shapes]
+    return np.asarray(np.bincount(found.groups[shapes], weights=squares), dtype=np.float64)
+
+
+def _of_sensors(fit: JointFit, peak: JointPeak) -> float:
+    """The misfit without what single shapes have beyond what counts of one."""
+    beyond = np.maximum(_of_shapes(fit, peak) - MOST_OF_A_SHAPE, 0.0)
+    return peak.misfit - float(beyond.sum())
 
 
 def sensor_fault(
@@ -159,6 +173,10 @@ def still_explained(
     without = fit.settled(measured, peak.u)
     if without is not None and without.misfit < peak.misfit + LEAST_DROP:
         return None
+    if without is not None and fault.left_out:
+        mixed = MIXED_SHARE * np.unique(without.comparison.groups).size * MOST_OF_A_SHAPE
+        if _of_sensors(fit, without) < _of_sensors(fault.fit, peak) + LEAST_DROP + mixed:
+            return None  # that a few modes are mixed: less of them is compared without the sensor
     text = _sized(fault, peak)
     return replace(fault, text=text) if text else None
 

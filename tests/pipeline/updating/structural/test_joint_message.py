@@ -9,10 +9,12 @@ from pipeline.updating.structural.joint_message import (
     HALF_NORMAL_90,
     NORMAL_90,
     _figures,
+    _unstated_inertia,
     _unstated_mass,
 )
 from pipeline.updating.structural.prior import UncertainFigure
 from pipeline.updating.structural.sensors.figures import SensorFigure
+from sensors.structure.components import RigidBody, RotorNacelle, Vector
 from sensors.structure.foundation import FoundationSprings, SpringSign
 
 
@@ -62,3 +64,18 @@ def test_a_pile_whose_mass_nobody_stated_is_warned_of(
 ) -> None:
     foundation = FoundationSprings(1e10, 8e11, 6e10, sign, moving_mass=moving_mass)
     assert [warning.code for warning in _unstated_mass(foundation)] == codes
+
+
+@pytest.mark.parametrize(
+    ("mass", "inertia", "codes"),
+    [
+        (240e3, (0.0, 0.0, 0.0), ["nacelle-inertia"]),
+        (240e3, (0.0, 0.0, 2e6), []),
+        (0.0, (0.0, 0.0, 0.0), []),
+    ],
+)
+def test_a_nacelle_whose_inertia_is_not_stated_is_warned_of(
+    mass: float, inertia: Vector, codes: list[str]
+) -> None:
+    top = RotorNacelle((RigidBody("nacelle", mass, inertia=inertia),), hub_mass=5e4)
+    assert [warning.code for warning in _unstated_inertia(top)] == codes

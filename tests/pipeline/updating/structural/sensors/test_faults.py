@@ -203,3 +203,35 @@ def test_all_sensors_are_turned_by_the_angles_that_are_worth_a_name(
     fit: Any = Fit(SimpleNamespace(figures=figures))
     found = faults.turned_by(fit, [30.0, -4.9, 0.0, -5.0, 5.0])
     assert found == ([(all_turned, 15.0), (all_turned, -2.5), (all_turned, 2.5)] if turns else [])
+
+
+@pytest.mark.parametrize(
+    ("n_modes", "n_left_out", "named"), [(2, 2, False), (12, 2, True), (2, 0, True)]
+)
+def test_a_sensor_is_not_left_out_for_a_few_mixed_modes(
+    n_modes: int, n_left_out: int, named: bool
+) -> None:
+    """Of twelve: without a sensor less of a mixed mode's shape is compared, which is no sign that
+    it reads nothing. A fault that puts a shape right is one."""
+
+    def end(far_off: int) -> JointPeak:
+        groups = np.repeat(np.arange(12), 6)
+        errors = np.where(groups < far_off, 5.0, 0.9)
+        comparison = SimpleNamespace(
+            is_frequency=np.zeros(groups.size, dtype=bool),
+            errors=errors,
+            groups=groups,
+            unlike_shapes=0,
+        )
+        return JointPeak(np.zeros(3), comparison, float((errors**2).sum()), groups.size)  # type: ignore[arg-type]
+
+    fit: Any = SimpleNamespace(
+        sensors=NoFigures(),
+        variances=lambda found, sigma: np.ones(found.groups.size),
+        settled=lambda evidence, u: end(n_modes),
+    )
+    channels = tuple(range(n_left_out))
+    named_fault = SensorFault("85 m", "nothing explains it", fit, (0,), (1.0,), left_out=channels)
+    evidence: Any = None
+    found = faults.still_explained(named_fault, fit, evidence, end(0))
+    assert (found is not None) is named
