@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.feeds.live import LiveFeed
 from sensors.feeds.position import FeedPosition
 from sensors.feeds.protocol import ChannelSamples
+from tests.sensors.feeds.scripted import ScriptedFeed, measured_until
 
 
 def test_a_position_is_whole_on_disk_before_it_takes_its_name(
@@ -41,6 +43,16 @@ def test_a_kill_between_two_savings_costs_no_block(tmp_path: Path) -> None:
     published(position, range(5, 55))
     assert not (tmp_path / "position.json").exists()
     assert FeedPosition(tmp_path / "position.json").resumed_ns == 55 * NANOSECONDS
+
+
+def test_a_feed_that_stops_leaves_its_position_on_disk(tmp_path: Path) -> None:
+    """With the numbers of the records, which the mark beside it has not."""
+    path = tmp_path / "position.json"
+    position = FeedPosition(path, clock=lambda: 0.0)
+    position.received("station", 7, 55 * NANOSECONDS)
+    published(position, range(5, 56))
+    assert measured_until(LiveFeed(ScriptedFeed([]), None, position), lambda: True) == []
+    assert FeedPosition(path).sequences == {"station": 7}
 
 
 def test_after_a_power_cut_the_newer_one_of_file_and_mark_holds(tmp_path: Path) -> None:
