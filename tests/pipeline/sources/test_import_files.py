@@ -109,6 +109,17 @@ def test_a_gap_stays_a_gap(tmp_path: Path) -> None:
     assert (gap.end_ns - gap.start_ns) / NANOSECONDS == pytest.approx(130 / RATE)
 
 
+def test_single_missing_rows_stay_missing_at_the_rate_of_the_others(tmp_path: Path) -> None:
+    """The mean step, with that of missing rows, is of a lower rate: samples drifted off in time."""
+    there = np.random.default_rng(3).random(len(SAMPLES)) >= 0.03
+    lines = text(SAMPLES).splitlines(keepends=True)
+    rows = [line for line, kept in zip(lines[1:], there, strict=True) if kept]
+    blocks = imported([written(tmp_path / "a.csv", lines[0] + "".join(rows))], tmp_path / "a.mcap")
+    assert {block.sampling_rate for block in blocks} == {RATE}
+    numbers = [block.first_sample + i for block in blocks for i in range(len(block.samples))]
+    assert numbers == np.flatnonzero(there).tolist()
+
+
 def test_rows_without_a_number_are_a_gap_and_single_empty_cells_stay_nan(tmp_path: Path) -> None:
     samples = SAMPLES.copy()
     samples[200:300] = np.nan
