@@ -16,6 +16,7 @@ from sensors.constants import STANDARD_GRAVITY
 from sensors.errors import InputError
 
 MOST_STEPS_PASSED = 8.5  # by one step over missing rows
+FEWEST_TOGETHER = 16  # steps through whose stamps the first line is laid
 MOST_OF_SEVERAL = 0.25  # of the steps; more are of stamps with a digit of a sample or so [-]
 ROUNDING = 1e-9  # relative uncertainty of a rate whose stamps are exact: rounding of doubles [-]
 
@@ -255,12 +256,37 @@ def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
     strays = _stray(steps, step)
     if strays > 1.5 * step:
         near = all_steps[all_steps <= MOST_STEPS_PASSED * typical]
-        passed = np.maximum(1, np.round(near / np.mean(near[near <= 1.5 * typical])))
-        between = float(np.sum(near) / np.sum(passed))
-        apart = _stray(near, between * passed)
-        if apart < strays / 2 and np.mean(passed > 1) <= MOST_OF_SEVERAL:
-            step, strays, steps = between, apart, near
+        first = float(np.mean(near[near <= 1.5 * typical]))
+        for passed in (np.maximum(1, np.round(near / first)), _passed_together(near, first)):
+            between = float(np.sum(near) / np.sum(passed))
+            apart = _stray(near, between * passed)
+            if apart < strays / 2 and np.mean(passed > 1) <= MOST_OF_SEVERAL:
+                step, strays, steps = between, apart, near
     return _plainest(1.0 / step, strays / float(np.sum(steps)) + ROUNDING)
+
+
+def _passed_together(steps: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Return how many samples each step is, by the line through ever more stamps: for jitter.
+
+    Parameters
+    ----------
+    steps : ndarray, shape (n,)
+        [s]
+    step : float
+        About that of one sample [s].
+    """
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    offset, count = 0.0, FEWEST_TOGETHER
+    while True:
+        some = times[: count + 1]
+        for _ in range(2):
+            numbers = np.round((some - offset) / step)
+            if not numbers[-1] > numbers[0]:
+                return np.ones_like(steps)
+            step, offset = np.polyfit(numbers, some, 1).tolist()
+        if count >= len(steps):
+            return np.diff(numbers)
+        count += max(1, count * 2 // 5)
 
 
 def _stray(steps: NDArray[np.float64], even: NDArray[np.float64] | float) -> float:
