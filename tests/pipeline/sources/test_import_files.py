@@ -1,6 +1,7 @@
 """Files of measurements become a recording: the same samples at the same times, gaps kept."""
 
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -276,6 +277,21 @@ def test_what_cannot_be_joined_says_so_in_one_line(tmp_path: Path) -> None:
             imported(files, tmp_path / "joined.mcap")
         assert "\n" not in str(error.value)
         assert not list(tmp_path.glob("joined.mcap*"))
+
+
+def test_files_whose_stamps_repeat_need_a_start_in_their_names(tmp_path: Path) -> None:
+    """They do say when they begin, to a second or so: it is the counting that takes no stamp."""
+    exact = [text(SAMPLES[:600], begin=begin) for begin in (0.0, 15.0)]
+    rows = [re.sub(r"(T\d\d:\d\d:\d\d)\.\d+", r"\1", each) for each in exact]
+    files = [written(tmp_path / name, each) for name, each in zip("ab", rows, strict=True)]
+    with pytest.raises(InputError, match=r"a: the samples of all files are counted, as some time"):
+        open_measurement(files, sampling_rate=RATE)
+    named = [
+        written(tmp_path / f"m_20240301_1200{second}.csv", each)
+        for second, each in zip(("00", "15"), rows, strict=True)
+    ]
+    measurement = open_measurement(named, sampling_rate=RATE)
+    assert sum(len(block.samples) for block in measurement.blocks()) == 1200
 
 
 @pytest.mark.parametrize(
