@@ -22,6 +22,7 @@ from pipeline.oma.tracking import ModeTracker
 from pipeline.state.repeated_warnings import DistinctWarnings
 from sensors.acquisition.blocks import NANOSECONDS
 from sensors.acquisition.layout import SensorLayout
+from sensors.acquisition.rounded_stamps import without_rounding
 from sensors.errors import InputError
 from sensors.files.channel_names import UnusedChannel, note_unknown_units, split_motions
 from sensors.files.layout_file import LayoutFile
@@ -221,6 +222,8 @@ def identify_table(
     layout : SensorLayout, optional
         Whose turbine and channels these are.
     """
+    if table.times is not None:
+        table = replace(table, times=without_rounding(table.times, rate))
     quantities = table.quantities or guessed_quantities(table.samples, rate)
     found = _Found(warnings + _guess(table, quantities, rate) + _unused(unused))
     for window in _windows(table, rate, length, settings or OmaSettings(), quantities):

@@ -115,6 +115,11 @@ def sort_by_time(files: Sequence[MeasurementFile]) -> list[MeasurementFile]:
     if len(files) == 1:
         return list(files)
     for file in files:
+        if not file.start_ns and not file.wanted.stamps:
+            raise FileError(
+                f"{file.path}: the samples of all files are counted, as some time stamps repeat or "
+                "go back, and its name does not say when it begins (mast_20250301_000230.csv)"
+            )
         if not file.start_ns:
             raise FileError(
                 f"{file.path} does not say when it begins; several files are joined by the date "

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from sensors.constants import STANDARD_GRAVITY
 from sensors.errors import InputError
 
+MOST_STEPS_PASSED = 8.5  # by one step over missing rows
+FEWEST_TOGETHER = 16  # steps through whose stamps the first line is laid
+MOST_OF_SEVERAL = 0.25  # of the steps; more are of stamps with a digit of a sample or so [-]
 ROUNDING = 1e-9  # relative uncertainty of a rate whose stamps are exact: rounding of doubles [-]
 
 # Every unit as `plain_unit` writes it: lower case, no blanks, powers as digits, "u" for micro.
@@ -231,9 +234,11 @@ def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
     None of fewer than two, or of standing time.
 
     The mean step, not the median: stamps rounded to the millisecond have a median that is wrong by
-    up to half a millisecond. Steps over a gap do not count. Of the rates that the stamps' scatter
-    about an even clock allows, the one with the fewest digits, as a rate or as its period: stamps
-    of 25.000 and 50.001 ms mean 40 Hz, not 39.9992.
+    up to half a millisecond. Steps over a gap do not count. Where single rows are missing, a step
+    counts as the several that it is: the stamps then stray half as far from an even clock, and as
+    they are by more than one and a half samples, which rounding alone does not make them. Of the
+    rates that the stamps' scatter about an even clock allows, the one with the fewest digits, as a
+    rate or as its period: stamps of 25.000 and 50.001 ms mean 40 Hz, not 39.9992.
 
     Parameters
     ----------
@@ -242,15 +247,51 @@ def rate_of_stamps(times: NDArray[np.float64]) -> float | None:
     """
     if len(times) < 2 or not times[-1] > times[0]:
         return None
-    steps = np.diff(times)
-    typical = max(float(np.median(steps)), float(np.mean(steps)) / 2)
-    steps = steps[steps <= 3 * typical]
+    all_steps = np.diff(times)
+    typical = max(float(np.median(all_steps)), float(np.mean(all_steps)) / 2)
+    steps = all_steps[all_steps <= 3 * typical]
     step = float(np.mean(steps))
     if not step > 0:
         return None
-    clock = np.cumsum(steps - step)  # how far the stamps stray from an even clock [s]
-    tolerance = float(np.ptp(clock)) / (step * len(steps)) + ROUNDING
-    return _plainest(1.0 / step, tolerance)
+    strays = _stray(steps, step)
+    if strays > 1.5 * step:
+        near = all_steps[all_steps <= MOST_STEPS_PASSED * typical]
+        first = float(np.mean(near[near <= 1.5 * typical]))
+        for passed in (np.maximum(1, np.round(near / first)), _passed_together(near, first)):
+            between = float(np.sum(near) / np.sum(passed))
+            apart = _stray(near, between * passed)
+            if apart < strays / 2 and np.mean(passed > 1) <= MOST_OF_SEVERAL:
+                step, strays, steps = between, apart, near
+    return _plainest(1.0 / step, strays / float(np.sum(steps)) + ROUNDING)
+
+
+def _passed_together(steps: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Return how many samples each step is, by the line through ever more stamps: for jitter.
+
+    Parameters
+    ----------
+    steps : ndarray, shape (n,)
+        [s]
+    step : float
+        About that of one sample [s].
+    """
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    offset, count = 0.0, FEWEST_TOGETHER
+    while True:
+        some = times[: count + 1]
+        for _ in range(2):
+            numbers = np.round((some - offset) / step)
+            if not numbers[-1] > numbers[0]:
+                return np.ones_like(steps)
+            step, offset = np.polyfit(numbers, some, 1).tolist()
+        if count >= len(steps):
+            return np.diff(numbers)
+        count += max(1, count * 2 // 5)
+
+
+def _stray(steps: NDArray[np.float64], even: NDArray[np.float64] | float) -> float:
+    """Return how far stamps stray from an even clock with these steps [s]."""
+    return float(np.ptp(np.cumsum(steps - even)))
 
 
 def _plainest(rate: float, tolerance: float) -> float:

@@ -1,6 +1,7 @@
 """Files of measurements become a recording: the same samples at the same times, gaps kept."""
 
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -107,6 +108,17 @@ def test_a_gap_stays_a_gap(tmp_path: Path) -> None:
     (unit,) = recording_info(tmp_path / "a.mcap").units
     (gap,) = unit.gaps
     assert (gap.end_ns - gap.start_ns) / NANOSECONDS == pytest.approx(130 / RATE)
+
+
+def test_single_missing_rows_stay_missing_at_the_rate_of_the_others(tmp_path: Path) -> None:
+    """The mean step, with that of missing rows, is of a lower rate: samples drifted off in time."""
+    there = np.random.default_rng(3).random(len(SAMPLES)) >= 0.03
+    lines = text(SAMPLES).splitlines(keepends=True)
+    rows = [line for line, kept in zip(lines[1:], there, strict=True) if kept]
+    blocks = imported([written(tmp_path / "a.csv", lines[0] + "".join(rows))], tmp_path / "a.mcap")
+    assert {block.sampling_rate for block in blocks} == {RATE}
+    numbers = [block.first_sample + i for block in blocks for i in range(len(block.samples))]
+    assert numbers == np.flatnonzero(there).tolist()
 
 
 def test_rows_without_a_number_are_a_gap_and_single_empty_cells_stay_nan(tmp_path: Path) -> None:
@@ -265,6 +277,21 @@ def test_what_cannot_be_joined_says_so_in_one_line(tmp_path: Path) -> None:
             imported(files, tmp_path / "joined.mcap")
         assert "\n" not in str(error.value)
         assert not list(tmp_path.glob("joined.mcap*"))
+
+
+def test_files_whose_stamps_repeat_need_a_start_in_their_names(tmp_path: Path) -> None:
+    """They do say when they begin, to a second or so: it is the counting that takes no stamp."""
+    exact = [text(SAMPLES[:600], begin=begin) for begin in (0.0, 15.0)]
+    rows = [re.sub(r"(T\d\d:\d\d:\d\d)\.\d+", r"\1", each) for each in exact]
+    files = [written(tmp_path / name, each) for name, each in zip("ab", rows, strict=True)]
+    with pytest.raises(InputError, match=r"a: the samples of all files are counted, as some time"):
+        open_measurement(files, sampling_rate=RATE)
+    named = [
+        written(tmp_path / f"m_20240301_1200{second}.csv", each)
+        for second, each in zip(("00", "15"), rows, strict=True)
+    ]
+    measurement = open_measurement(named, sampling_rate=RATE)
+    assert sum(len(block.samples) for block in measurement.blocks()) == 1200
 
 
 @pytest.mark.parametrize(
