@@ -106,8 +106,9 @@ def _rna_height(turbine: TurbineDescription, departure: float) -> TurbineDescrip
 
 
 def _point_masses(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+    attached = _tubes(lambda t, d: replace(t, attached_mass=t.attached_mass * (1 + d)))
     masses = (replace(each, mass=each.mass * (1 + departure)) for each in turbine.point_masses)
-    return replace(turbine, point_masses=tuple(masses))
+    return replace(attached(turbine, departure), point_masses=tuple(masses))
 
 
 def _transition_piece(turbine: TurbineDescription, departure: float) -> TurbineDescription:
@@ -140,6 +141,11 @@ def _has_inertia(axis: int) -> Callable[[TurbineDescription], bool]:
 
 def _has_bodies(turbine: TurbineDescription) -> bool:
     return bool(turbine.rotor_nacelle.bodies) or turbine.rotor_nacelle.hub_mass > 0
+
+
+def _has_masses(turbine: TurbineDescription) -> bool:
+    on_it = [each.mass for each in turbine.point_masses]
+    return any((*on_it, *(tube.attached_mass for tube in turbine.tubes)))
 
 
 def _has_transition(turbine: TurbineDescription) -> bool:
@@ -219,7 +225,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "point_masses", "masses on the tower that are described", "-", 0.1, "normal",
         "drawings of a transition piece with its platform, boat landing and grout: "
-        f"{JUDGEMENT}", _point_masses, lambda turbine: any(m.mass for m in turbine.point_masses),
+        f"{JUDGEMENT}", _point_masses, _has_masses,
     ),
     Figure(
         "transition_piece", "mass at the top of the monopile", "kg", 150e3, "half-normal",

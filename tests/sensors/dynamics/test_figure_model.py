@@ -20,6 +20,7 @@ PARKED = load_turbine("iea15mw_monopile")
 TURBINE = replace(
     PARKED,
     foundation=replace(PARKED.foundation, moving_mass=3e4),
+    tubes=(*PARKED.tubes[:-1], replace(PARKED.tubes[-1], attached_mass=900.0)),
     point_masses=(PointMass("transition piece", 15.0, 200e3), PointMass("damper", 130.0, 10e3)),
 )
 NAMES = [figure.name for figure in figures_of(TURBINE)]
