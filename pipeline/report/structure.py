@@ -10,7 +10,7 @@ from sensors.structure.description import TurbineDescription
 
 STEEL, SEA, GROUND, ROTOR = "#56B4E9", "#0072B2", "#8C8C8C", "#E69F00"  # colour-blind safe
 SEA_DEPTH = 0.25  # transparency of the water [-]
-SHAPES_DRAWN = 6  # of modes, beside the structure
+MODE_PANELS = 6  # of modes, beside the structure
 
 
 def draw_structure(figures: StructureFigures, path: Path) -> None:
@@ -25,7 +25,7 @@ def draw_structure(figures: StructureFigures, path: Path) -> None:
         If the file cannot be written.
     """
     figure = new_figure((13, 7))
-    modes = figures.first[:SHAPES_DRAWN]
+    modes = figures.first[:MODE_PANELS]
     widths = [2.2] + [1.0] * len(modes)
     structure_axes, *mode_axes = figure.subplots(1, len(widths), sharey=True, width_ratios=widths)
     _draw_structure(structure_axes, figures.description)

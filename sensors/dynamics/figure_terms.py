@@ -90,7 +90,7 @@ class _Parts:
         mass, stiffness = self._tube_terms()
         for more_mass, more_stiffness in (self._nacelle_terms(), self._blade_terms()):
             mass, stiffness = mass + more_mass, stiffness + more_stiffness
-        for name in ("transition_piece", "pile_mass"):
+        for name in ("point_masses", "transition_piece", "pile_mass"):
             if name in self._names:
                 heavier = self._matrices(varied(self._tower, {name: 1.0}))
                 mass.append(Term(heavier[0] - self._tower_model[0], {name: 1}))
@@ -259,6 +259,7 @@ RELATIVE = frozenset(
         "flap_stiffness",
         "edge_stiffness",
         "added_mass",
+        "point_masses",
         "pile_mass",
     }
 )  # whose v is 1 + departure

@@ -105,6 +105,12 @@ def _rna_height(turbine: TurbineDescription, departure: float) -> TurbineDescrip
     return _bodies(raised)(turbine, departure)
 
 
+def _point_masses(turbine: TurbineDescription, departure: float) -> TurbineDescription:
+    attached = _tubes(lambda t, d: replace(t, attached_mass=t.attached_mass * (1 + d)))
+    masses = (replace(each, mass=each.mass * (1 + departure)) for each in turbine.point_masses)
+    return replace(attached(turbine, departure), point_masses=tuple(masses))
+
+
 def _transition_piece(turbine: TurbineDescription, departure: float) -> TurbineDescription:
     assert turbine.transition is not None
     piece = PointMass("transition piece", turbine.transition, departure)
@@ -135,6 +141,11 @@ def _has_inertia(axis: int) -> Callable[[TurbineDescription], bool]:
 
 def _has_bodies(turbine: TurbineDescription) -> bool:
     return bool(turbine.rotor_nacelle.bodies) or turbine.rotor_nacelle.hub_mass > 0
+
+
+def _has_masses(turbine: TurbineDescription) -> bool:
+    on_it = [each.mass for each in turbine.point_masses]
+    return any((*on_it, *(tube.attached_mass for tube in turbine.tubes)))
 
 
 def _has_transition(turbine: TurbineDescription) -> bool:
@@ -210,6 +221,11 @@ FIGURES: tuple[Figure, ...] = (
         "marine_growth", "thickness of marine growth below the mean sea level", "m", 0.03,
         "half-normal", f"design standards take 50 to 150 mm at the end of life: {JUDGEMENT}",
         _water(lambda w, d: replace(w, growth=w.growth + d)), _has_water,
+    ),
+    Figure(
+        "point_masses", "masses on the tower that are described", "-", 0.1, "normal",
+        "drawings of a transition piece with its platform, boat landing and grout: "
+        f"{JUDGEMENT}", _point_masses, _has_masses,
     ),
     Figure(
         "transition_piece", "mass at the top of the monopile", "kg", 150e3, "half-normal",

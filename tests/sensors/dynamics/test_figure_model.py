@@ -9,7 +9,7 @@ from sensors.acquisition.layout import biaxial_layout
 from sensors.dynamics.figure_model import FigureModel, converged, tabulated_levels
 from sensors.dynamics.full_model_modes import full_modes, solved_modes
 from sensors.structure.assembly import assemble
-from sensors.structure.components import Tube, Water
+from sensors.structure.components import PointMass, Tube, Water
 from sensors.structure.description import TurbineDescription, load_turbine
 from sensors.structure.figures import BY_NAME, LEVEL, figures_of, varied
 from sensors.structure.foundation import FoundationSprings, TurbineError, positive_definite
@@ -17,7 +17,12 @@ from sensors.structure.sensor_readings import ChannelReadings
 
 LAYOUT = biaxial_layout("t", turbine="t", unit="u", elevations=(41.0, 80.0, 106.0, 145.0))
 PARKED = load_turbine("iea15mw_monopile")
-TURBINE = replace(PARKED, foundation=replace(PARKED.foundation, moving_mass=3e4))
+TURBINE = replace(
+    PARKED,
+    foundation=replace(PARKED.foundation, moving_mass=3e4),
+    tubes=(*PARKED.tubes[:-1], replace(PARKED.tubes[-1], attached_mass=900.0)),
+    point_masses=(PointMass("transition piece", 15.0, 200e3), PointMass("damper", 130.0, 10e3)),
+)
 NAMES = [figure.name for figure in figures_of(TURBINE)]
 
 

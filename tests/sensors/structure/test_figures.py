@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sensors.structure.components import RigidBody
+from sensors.structure.components import PointMass, RigidBody
 from sensors.structure.description import TurbineDescription
-from sensors.structure.figures import FIGURES, JUDGEMENT, varied
+from sensors.structure.figures import FIGURES, JUDGEMENT, figures_of, varied
 from tests.sensors.structure.towers import parked_turbine
 
 
@@ -53,3 +53,18 @@ def test_a_moment_of_inertia_about_another_point_changes_about_the_centre() -> N
     assert np.diag(after.tensor) == pytest.approx([4e7 - 5e5 * 16, 4e7 - 5e5 * 32, 1.5 * yaw])
     (after,) = varied(stated, {"rna_mass": 0.5}).rotor_nacelle.bodies
     np.testing.assert_allclose(after.tensor, body.tensor)
+
+
+def test_described_masses_on_the_tower_may_be_more_or_less_than_described() -> None:
+    """The figure `transition_piece` is further mass, of which there cannot be less than none."""
+    piece, damper = PointMass("transition piece", 15.0, 250e3), PointMass("damper", 130.0, 10e3)
+    tubes = tuple(replace(tube, attached_mass=100.0) for tube in parked_turbine().tubes)
+    turbine = replace(parked_turbine(), point_masses=(piece, damper), tubes=tubes)
+    lighter = varied(turbine, {"point_masses": -0.1, "transition_piece": 5e3})
+    assert [each.mass for each in lighter.point_masses] == pytest.approx([225e3, 9e3, 5e3])
+    assert {each.attached_mass for each in lighter.tubes} == {90.0}
+    assert "point_masses" in {
+        figure.name for figure in figures_of(replace(turbine, point_masses=()))
+    }
+    assert "point_masses" in {figure.name for figure in figures_of(turbine)}
+    assert "point_masses" not in {figure.name for figure in figures_of(parked_turbine())}
