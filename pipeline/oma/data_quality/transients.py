@@ -53,6 +53,7 @@ LEAST_OCTAVE_SHARE = 1e-4  # of a channel's power in an octave; less is the inst
 PREDICTORS = 3  # p: one for each of two modes and the response of the sea
 PRINCIPAL_DIRECTIONS = 2  # principal ones of the channels: fore-aft and side-side
 FEWEST_LINES = 60  # of an octave
+LEAKED = 2  # samples of its envelope at either end that the step between a drift's ends leaks into
 MOST_LINES = 700  # beyond, modes are resolved: `loudest_octave`
 LEAST_OF_CHANNEL = 1e-4  # of a channel's power in an octave; less is the instrument
 PARTS = 6  # of a window whose loads are compared
@@ -136,7 +137,9 @@ def _judged(lines: ComplexArray, low: float, duration: float) -> Transient | Non
     scaled = band[:, heard] / np.sqrt(power[heard])
     n_times = max(4 * BLOCKS, 2 * len(band))
     envelope = np.abs(fft.ifft(scaled, n_times, axis=0)) ** 2
-    edge = round(EDGE * n_times)
+    # what leaks into the octave from a tone or a drift below it gathers at the rounded ends, and
+    # reaches about 1 / bandwidth beyond them
+    edge = round((EDGE + 2 / len(band)) * n_times)
     energy = envelope.sum(axis=1)[edge : n_times - edge]
     width = n_times // BLOCKS
     sums = np.concatenate([[0.0], np.cumsum(energy)])
@@ -210,7 +213,7 @@ def _envelope(lines: ComplexArray, first: int) -> ComplexArray | None:
 
 
 def _of_octave(envelope: ComplexArray, low: float, duration: float) -> list[RingDown]:
-    driven = np.column_stack([_innovations(each) for each in envelope.T])
+    driven = np.column_stack([_innovations(each) for each in envelope.T])[LEAKED:-LEAKED]
     energy = np.abs(driven) ** 2
     energy = np.maximum(energy, 1e-12 * energy.max())
     overall = np.median(energy, axis=0) / np.log(2)
@@ -225,7 +228,7 @@ def _of_octave(envelope: ComplexArray, low: float, duration: float) -> list[Ring
     loudest, ratio = int(np.argmax(parts)), float(parts.max() / parts.min())
     middle = (loudest + 0.5) * duration / PARTS
     return [
-        RingDown("blow", low, (at + PREDICTORS) * step, float(np.sqrt(share)), blow),
+        RingDown("blow", low, (at + LEAKED + PREDICTORS) * step, float(np.sqrt(share)), blow),
         RingDown("stop", low, middle, float(np.sqrt(ratio)), ratio / STOP),
     ]
 
