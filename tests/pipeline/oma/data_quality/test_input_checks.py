@@ -51,6 +51,17 @@ def test_a_converter_at_its_limit_is_clipping(record: np.ndarray) -> None:
     assert (finding.code, finding.action) == ("clipped", "warn")
 
 
+def test_a_window_that_is_cut_off_by_far_is_not_identified(record: np.ndarray) -> None:
+    """1.5 rms: 13 % of a normal signal's samples."""
+    record[:, 1] = np.clip(record[:, 1], *(np.array([-1.5, 1.5]) * record[:, 1].std()))
+    finding = only(check_samples(record, RATE, NAMES))
+    assert (finding.code, finding.action) == ("clipped", "reject")
+    assert "% of its samples, 5 % is the most" in finding.text
+    rejection = identify(record, RATE).rejection
+    assert rejection is not None
+    assert rejection.code == "clipped"
+
+
 def test_a_limit_reached_for_a_part_of_the_window_is_clipping(record: np.ndarray) -> None:
     limit = 0.5 * np.abs(record).max()
     record[2000:3000] = np.clip(record[2000:3000], -limit, limit)
