@@ -266,12 +266,15 @@ def check_clipping(
 
 
 def _samples_at_the_extremes(channel: NDArray[np.floating]) -> int:
-    _, counts = np.unique(channel, return_counts=True)
-    return sum(
-        int(last)
-        for last, next_to_last in (counts[:2], counts[:-3:-1])
-        if last >= CLIPPED_COUNT and last > CLIPPED_EXCESS * next_to_last
-    )
+    """At a limit that the signal reaches: a value farther from all others than these reach is what
+    is written where there is none."""
+    values, counts = np.unique(channel, return_counts=True)
+    found = 0
+    for ends, (last, next_to_last) in ((values, counts[:2]), (values[::-1], counts[:-3:-1])):
+        reached = abs(ends[1] - ends[0]) <= max(abs(ends[-1] - ends[1]), abs(ends[1]))
+        if reached and last >= CLIPPED_COUNT and last > CLIPPED_EXCESS * next_to_last:
+            found += int(last)
+    return found
 
 
 def _flat_crests(channel: NDArray[np.floating]) -> int:
