@@ -34,10 +34,9 @@ TOLD_APART_FROM = (
     3.0  # half bandwidth from which mean frequencies tell two directions apart [lines]
 )
 APART_WIDTHS = 3.0  # half bandwidths to either side of the lines that do
-SEEN_OF_DISTANCE = (
-    0.76  # of two resonances' distance, what the means of their power within a reach R show:
-)
-# 1 − R / ((1 + R²) atan R) of a Lorentzian, at three half bandwidths [-]
+# Of two resonances' distance, what the means of their power within R half bandwidths show: of a
+# Lorentzian 1 − R / ((1 + R²) atan R), .76 at R = 3 [-].
+SEEN_OF_DISTANCE = 1 - APART_WIDTHS / ((1 + APART_WIDTHS**2) * float(np.arctan(APART_WIDTHS)))
 LARGEST_ANGLE = 0.5  # std of the turn between directions that are known apart [rad]
 
 
