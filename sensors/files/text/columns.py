@@ -1,8 +1,8 @@
 """Columns of a table (of a text file, of a Parquet file) → ChannelTables, chunk by chunk.
 
-A column's title holds its unit in brackets. One of the columns may hold the time, or two of them
-date and time of day; columns that only number the samples, and columns of text, are left out; the
-others are channels.
+A column's title holds its unit in brackets. One of the columns may hold the time, or several of
+them date and time of day or the parts of a clock; columns that only number the samples, and columns
+of text, are left out; the others are channels.
 """
 
 import logging
@@ -29,6 +29,14 @@ from sensors.files.table import (
 from sensors.files.text.arrow_values import values_of
 from sensors.files.text.column_titles import is_number_title, is_time_title, time_unit
 from sensors.files.text.dates import is_date_of_digits, zone_in_title
+from sensors.files.text.split_clock import (
+    ClockPart,
+    PartError,
+    is_fraction,
+    joined_clock,
+    part_of,
+    split_clock,
+)
 from sensors.files.text.time_column import ClockError, TextClock
 
 logger = logging.getLogger(__name__)
@@ -69,7 +77,7 @@ class SortedColumns:
     all: tuple[Column, ...]
     channels: tuple[int, ...]
     clock: tuple[int, ...]
-    """Places of the time: one column, date and time of day, or none."""
+    """Places of the time: one column, date and time of day, the parts of a clock, or none."""
 
     rate: float | None = None
     """Sampling rate [Hz], where the file states it beside the columns."""
@@ -112,7 +120,10 @@ def sort_columns(
         columns, clock = _stated_clock(columns, wanted.time, path)
     else:
         clock = _clock_columns(columns, path, wanted)
-    times = [i for i, each in enumerate(columns) if i not in clock and _holds_time(each)]
+    parts = split_clock(_number_titles(columns)).values()
+    times = [
+        i for i, each in enumerate(columns) if i not in clock and (_holds_time(each) or i in parts)
+    ]
     numbers = [i for i, each in enumerate(columns) if i not in clock and _counts(each)]
     texts = [i for i, each in enumerate(columns) if i not in clock and each.kind == "text"]
     blank = [i for i, each in enumerate(columns) if each.kind == "empty" and not each.titled]
@@ -195,10 +206,13 @@ def _clock_columns(columns: Sequence[Column], path: Path, wanted: Wanted) -> tup
     dates = [i for i, each in enumerate(columns) if each.kind == "date"] + of_digits
     clocks = [i for i, each in enumerate(columns) if each.kind == "time of day"]
     if dates and clocks:
-        return dates[0], clocks[0]
+        return (dates[0], clocks[0], *_fraction(columns))
     named = [i for i, each in enumerate(columns) if _holds_time(each) and i not in of_digits]
+    parts = split_clock(_number_titles(columns))
+    if parts and all(i in parts.values() or i in dates for i in named):
+        return (*(dates[:1] if "year" not in parts else []), *parts.values())
     if named:
-        return (named[0],)
+        return (named[0], *(_fraction(columns) if columns[named[0]].kind != "number" else []))
     _require_readable_time(columns, path)
     first = columns[0] if columns else None
     if first is None or not _is_even_ramp(first) or _counts(first):
@@ -215,6 +229,19 @@ def _clock_columns(columns: Sequence[Column], path: Path, wanted: Wanted) -> tup
         )
     log_once(f"{path}: no header; the first column rises evenly and is taken for seconds")
     return (0,)
+
+
+def _number_titles(columns: Sequence[Column]) -> list[str]:
+    """Names of columns of numbers, "" of the others."""
+    return [each.name if each.kind == "number" else "" for each in columns]
+
+
+def _fraction(columns: Sequence[Column]) -> list[int]:
+    """Where the column stands that counts within the seconds of another; empty: there is none."""
+    return [
+        i for i, each in enumerate(columns)
+        if each.kind == "number" and is_fraction(each.name, each.first)
+    ][:1]  # fmt: skip
 
 
 def _require_readable_time(columns: Sequence[Column], path: Path) -> None:
@@ -386,10 +413,9 @@ def _seconds_of(
 
     def timed(chunk: ChannelTable, batch: pa.RecordBatch) -> ChannelTable:
         stamps = [batch.column(place[i]) for i in columns.clock]
-        joined = stamps[0] if len(stamps) == 1 else _join(stamps)
         try:
-            times = clock.seconds(joined)
-        except ClockError as error:
+            times = clock.seconds(stamps[0] if len(stamps) == 1 else _joined(stamps, titles))
+        except (ClockError, PartError) as error:
             raise FileError(f"{path}: the time column {clock.title!r} {error}") from error
         for remark in clock.local_clock.remarks:
             log_once(f"{path}: {remark}")
@@ -399,9 +425,16 @@ def _seconds_of(
     return timed
 
 
-def _join(stamps: list[pa.Array]) -> pa.Array:
-    texts = [stamp.cast(pa.string()) for stamp in stamps]
-    return pc.binary_join_element_wise(*texts, " ")
+def _joined(stamps: Sequence[pa.Array], columns: Sequence[Column]) -> pa.Array:
+    parts: dict[ClockPart, pa.Array] = {}
+    texts = []
+    for stamp, column in zip(stamps, columns, strict=True):
+        part = part_of(column.name) if column.kind == "number" else None
+        if part is None:
+            texts.append(stamp)
+        else:
+            parts[part] = stamp
+    return joined_clock(texts, parts)
 
 
 def _numbers(column: pa.Array, title: str, path: Path) -> FloatArray:
