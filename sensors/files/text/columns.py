@@ -37,7 +37,7 @@ from sensors.files.text.split_clock import (
     part_of,
     split_clock,
 )
-from sensors.files.text.time_column import ClockError, TextClock
+from sensors.files.text.time_column import ClockError, TextClock, known_unit
 
 logger = logging.getLogger(__name__)
 
@@ -217,6 +217,8 @@ def _clock_columns(columns: Sequence[Column], path: Path, wanted: Wanted) -> tup
     first = columns[0] if columns else None
     if first is None or not _is_even_ramp(first) or _counts(first):
         return ()
+    if first.unit and known_unit(first.unit) is not None:
+        return (0,)
     rise = f"from {first.first[0]:g} by {first.first[1] - first.first[0]:.6g}"
     if first.titled and wanted.rate_known:
         log_once(f"{path}: column {first.name!r} rises evenly {rise} and is left out")

@@ -45,7 +45,9 @@ def read_csv_chunks(path: Path, wanted: Wanted = EVERYTHING) -> Iterator[Channel
 def _batches(path: Path, head: TextHead) -> Iterator[pa.RecordBatch]:
     try:
         with (
-            open_arrow_stream(path, head.encoding, blanks=head.delimiter == " ") as stream,
+            open_arrow_stream(
+                path, head.encoding, blanks=head.delimiter == " ", nul=head.nul
+            ) as stream,
             arrow_csv.open_csv(
                 stream,
                 # one thread: only then do errors name the row

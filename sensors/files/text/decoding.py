@@ -3,6 +3,7 @@
 import codecs
 import gzip
 import io
+import mmap
 import re
 import zipfile
 import zlib
@@ -33,6 +34,9 @@ NO_TEXT = {
 LEAST_UNPACKED = 100_000_000  # that every packed file may hold [bytes]
 MOST_PACKED = 100  # times that numbers are packed, at most
 _BLANKS = re.compile(r"[ \t]+")
+_BLOCKS_OF_NUL = re.compile(rb"\0{8,}")  # blocks that a power failure left unwritten
+_NO_TEXT_BYTES = re.compile(rb"[\0-\x08\x0e-\x1f]")
+_LINES_OF_NUL = re.compile(r"(?m)^[^\n]*\0[^\n]*\n?")
 
 
 def open_unpacked(path: Path) -> IO[bytes]:
@@ -135,6 +139,8 @@ def detect_encoding(beginning: bytes, path: Path) -> str:
             f"{path}: this is JSON and no table of columns: save it as CSV; messages of a live "
             "source are read by `pilewatch feed` with a mapping"
         )
+    if not _NO_TEXT_BYTES.search(written := _BLOCKS_OF_NUL.sub(b"", beginning)):
+        beginning = written
     even, odd = beginning[::2].count(0), beginning[1::2].count(0)
     if even or odd:
         half = len(beginning) // 2
@@ -148,13 +154,29 @@ def detect_encoding(beginning: bytes, path: Path) -> str:
     return "utf-8"
 
 
-class RewrittenText(io.RawIOBase):
-    """A text file as UTF-8; columns that blanks keep apart are kept apart by one."""
+def holds_nul(path: Path) -> bool:
+    """Return whether an 8-bit text has blocks of NUL bytes, as a power failure leaves them.
 
-    def __init__(self, file: IO[bytes], encoding: str, *, blanks: bool) -> None:
+    Of a packed file it is not known before it is read, and False.
+    """
+    with open_unpacked(path) as file:
+        if not isinstance(file, io.BufferedReader) or not path.stat().st_size:
+            return False
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            return content.find(b"\0") >= 0
+
+
+class RewrittenText(io.RawIOBase):
+    """A text file as UTF-8; columns that blanks keep apart are kept apart by one.
+
+    Lines in which a block of NUL bytes stands are left out: the values at its ends are cut.
+    """
+
+    def __init__(self, file: IO[bytes], encoding: str, *, blanks: bool, nul: bool = False) -> None:
         self._file = file
         self._decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
         self._blanks = blanks
+        self._nul = nul
         self._line = ""  # a line that is not complete yet
         self._ready = b""
 
@@ -179,19 +201,24 @@ class RewrittenText(io.RawIOBase):
         super().close()
 
     def _rewritten(self, text: str, *, last: bool) -> bytes:
-        if not self._blanks:
+        if not self._blanks and not self._nul:
             return text.encode()
         text = self._line + text
         end = len(text) if last else max(text.rfind("\n"), text.rfind("\r")) + 1
         complete, self._line = text[:end], text[end:]
+        if self._nul:
+            complete = _LINES_OF_NUL.sub("", complete)
+        if not self._blanks:
+            return complete.encode()
         lines = _BLANKS.sub(" ", complete)
         return re.sub(r"(?m)^ | $| (?=\r)", "", lines).encode()
 
 
-def open_arrow_stream(path: Path, encoding: str, *, blanks: bool) -> Any:
-    """Return what Arrow reads: the file itself where it is UTF-8."""
+def open_arrow_stream(path: Path, encoding: str, *, blanks: bool, nul: bool) -> Any:
+    """Return what Arrow reads: the file itself where it is UTF-8 and whole."""
     file = open_unpacked(path)
-    if encoding == "utf-8" and not blanks and isinstance(file, io.BufferedReader):
+    if encoding == "utf-8" and not blanks and not nul and isinstance(file, io.BufferedReader):
         file.close()
         return pa.OSFile(str(path))
-    return pa.PythonFile(io.BufferedReader(RewrittenText(file, encoding, blanks=blanks)), mode="r")
+    text = RewrittenText(file, encoding, blanks=blanks, nul=nul)
+    return pa.PythonFile(io.BufferedReader(text), mode="r")

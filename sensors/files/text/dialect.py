@@ -27,7 +27,12 @@ from sensors.files.text.columns import (
     sort_columns,
 )
 from sensors.files.text.dates import kind_of_text
-from sensors.files.text.decoding import UNREADABLE, detect_encoding, open_unpacked
+from sensors.files.text.decoding import (
+    UNREADABLE,
+    detect_encoding,
+    holds_nul,
+    open_unpacked,
+)
 from sensors.files.text.preamble import stated_rate, stated_start_ns, states_measurement
 from sensors.files.text.time_column import ABSOLUTE
 
@@ -69,6 +74,9 @@ class TextHead:
     exact_time: bool
     """The time has digits that a double does not hold."""
 
+    nul: bool = False
+    """The file has blocks of NUL bytes, whose lines are left out."""
+
 
 def read_head(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
     """Return how a text file is read, from its beginning.
@@ -88,10 +96,21 @@ def read_head(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
     lines = list(io.StringIO(text, newline=None))
     if len(beginning) == BEGINNING and len(lines) > 1:
         lines = lines[:-1]  # incomplete
-    lines = [line.rstrip("\n") for line in lines]
+    nul = not encoding.startswith("utf-16") and holds_nul(path)
+    lines = [line.rstrip("\n") for line in lines if not (nul and "\0" in line)]
     if not any(_holds_cells(line) for line in lines):
         raise FileError(f"{path}: the file is empty; a header row is needed")
-    return _Beginning(lines, _form_of(lines), path).head(encoding, wanted)
+    head = _Beginning(lines, _form_of(lines), path).head(encoding, wanted)
+    return head if not nul else _without_blocks_of_nul(head, path)
+
+
+def _without_blocks_of_nul(head: "TextHead", path: Path) -> "TextHead":
+    sentence = (
+        f"{path}: lines with blocks of NUL bytes, as a power failure leaves them, are left out"
+        f"{'' if head.columns.clock else '; without a time column the samples behind them move up'}"
+    )
+    columns = replace(head.columns, left_out=(*head.columns.left_out, sentence))
+    return replace(head, columns=columns, nul=True)
 
 
 def _form_of(lines: Sequence[str]) -> "Form":

@@ -59,6 +59,8 @@ MATLAB_DAYS = (719_529, 767_010, 719_529)  # since the year 0
 SHORTEST_STEP = 2.0 / DAY  # of such days [d]
 CLOCK_DIGITS = ("hhmmss", "hhmmss.s", "hhmmss.ss", "hhmmss.sss")  # "units" of such numbers
 MINUTE_LEAP = 40.0  # of such a number at a full minute
+COUNTERS = (2**16, 2**32)  # numbers after which a counter of 16 or 32 bits begins again
+LONGEST_TURN = 10  # steps that may be missing where it does
 LONGEST_STEP = 2.0  # a number without a unit that steps by so much counts no seconds
 
 
@@ -177,6 +179,42 @@ def seconds_of_digits(values: NDArray[Any], unit: str) -> FloatArray | None:
     return since_midnight if leaps.any() and even.all() else None
 
 
+@dataclass(slots=True)
+class CounterTurns:
+    """Follows a counter of 16 or 32 bits over its end, batch by batch.
+
+    `micros()` of a small logger is at its end after 71.6 minutes.
+    """
+
+    _added: int = 0
+    """To the numbers from the last end on."""
+
+    _last: float | None = None
+    _step: float = 0.0
+
+    def added(self, values: NDArray[Any]) -> NDArray[np.int64]:
+        """Return what numbers lack to go on where the counter began again; 0 of others.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            Numbers of a time column, n > 0.
+        """
+        steps = np.diff(values, prepend=values[0] if self._last is None else self._last)
+        rising = steps[steps > 0]
+        if not self._step and len(rising):
+            self._step = float(np.median(rising))
+        turns = np.zeros(len(values), dtype=np.int64)
+        for most in COUNTERS:
+            over = (steps < 0) & (steps + most > 0) & (steps + most <= LONGEST_TURN * self._step)
+            bounded = (np.abs(values) < most) & (np.abs(values - steps) < most)
+            turns[over & bounded] = most
+        self._last = float(values[-1])
+        added = self._added + np.cumsum(turns)
+        self._added = int(added[-1])
+        return np.asarray(added, dtype=np.int64)
+
+
 def midnights_of_numbers() -> Midnights:
     """Return what follows numbers over midnight: only where next to nothing is missing there.
 
@@ -224,6 +262,7 @@ class TextClock:
     _style: DateStyle | None = field(default=None)
     _midnights: Midnights = field(default_factory=Midnights)
     _counted_midnights: Midnights = field(default_factory=midnights_of_numbers)
+    _turns: CounterTurns = field(default_factory=CounterTurns)
     local_clock: SummerTime | ZoneClock = field(init=False)
     """Reads dates without a zone."""
 
@@ -311,8 +350,7 @@ class TextClock:
         self._require_all(~np.isfinite(values))
         if self._scale is None and seconds_of_digits(values, self.unit) is not None:
             self._of_digits = True
-        if self._of_digits:
-            values = self._clock_of(values)
+        values = self._clock_of(values) if self._of_digits else values + self._turns.added(values)
         scale = self._scale_of(values[0].item(), values[: min(len(values), 100)])
         seconds = np.asarray((values - self._first) * scale.seconds, dtype=np.float64)
         if scale.absolute:
@@ -331,8 +369,10 @@ class TextClock:
         """Numbers of so many digits that a double does not hold them."""
         some = np.array([float(each) for each in column[:100].to_pylist()])
         scale = self._scale_of(column[0].as_py(), some)
-        since = pc.subtract(column, pa.scalar(self._first, column.type))
-        return values_of(since.cast(pa.float64())) * scale.seconds
+        since = values_of(
+            pc.subtract(column, pa.scalar(self._first, column.type)).cast(pa.float64())
+        )
+        return (since + self._turns.added(values_of(column.cast(pa.float64())))) * scale.seconds
 
     def _scale_of(self, first: int | float | Decimal, some: NDArray[Any]) -> Scale:
         if self._scale is None:

@@ -70,3 +70,44 @@ def test_messages_in_a_file_are_one_line_that_says_what_reads_them(tmp_path: Pat
     path.write_text('{"ts": "2026-01-01T00:00:00Z", "z10": 0.1}\n' * 3)
     with pytest.raises(FileError, match=r"this is JSON and no table.*pilewatch feed"):
         channels_in(path)
+
+
+def interrupted(path: Path, clock: bool, at: int, encoding: str = "utf-8") -> Path:
+    """A file of 50 Hz of which the block of 4096 bytes from `at` on was not written."""
+    rows = "".join(f"{f'{i / 50:.2f},' if clock else ''}{i % 7}.25,é\n" for i in range(6000))
+    text = (("t," if clock else "") + "a,note\n" + rows).encode(encoding)
+    path.write_bytes(text[:at] + bytes(4096) + text[at + 4096 :])
+    return path
+
+
+@pytest.mark.parametrize("at", [20_003, 10**9], ids=["within", "at the end"])
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+def test_blocks_that_a_power_failure_left_empty_are_missing_samples(
+    tmp_path: Path, at: int, encoding: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = interrupted(tmp_path / f"{at}-{encoding}.csv", True, at, encoding)
+    table = read_file(path)
+    assert table.sampling_rate == pytest.approx(50)
+    assert table.times is not None
+    samples = np.rint(table.times * 50).astype(int)
+    np.testing.assert_array_equal(table.samples[:, 0], samples % 7 + 0.25)
+    within = at < 10**9
+    assert (len(samples) < 6000 - 200) == within
+    assert samples[-1] == 5999
+    assert "blocks of NUL bytes" in caplog.text
+    assert "move up" not in caplog.text
+
+
+def test_without_a_time_column_what_comes_behind_the_block_moves_up(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    table = read_file(interrupted(tmp_path / "record.csv", False, 20_003))
+    assert set(np.unique(table.samples)) == {i + 0.25 for i in range(7)}
+    assert "move up" in caplog.text
+
+
+def test_numbers_in_binary_are_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    path.write_bytes(bytes(64) + np.arange(1000, dtype="<f4").tobytes())
+    with pytest.raises(FileError, match="no text"):
+        read_file(path)

@@ -4,10 +4,11 @@ from datetime import datetime
 from zoneinfo import ZoneInfo
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from sensors.files.text.local_clock import Midnights, SummerTime, ZoneClock, clock_changes
-from sensors.files.text.time_column import midnights_of_numbers
+from sensors.files.text.time_column import TextClock, midnights_of_numbers
 
 STEP = 50_000_000  # [ns]
 
@@ -244,3 +245,26 @@ def test_rows_in_falling_order_have_the_offset_of_their_day() -> None:
     read = batches(ZoneClock("Europe/Berlin"), local[::-1], 50)[::-1]
     outside = np.abs(utc - np.datetime64("2025-10-26T01:00", "ns").astype(np.int64)) > 3600 * 10**9
     np.testing.assert_array_equal(read[outside], utc[outside])
+
+
+@pytest.mark.parametrize(("bits", "signed"), [(16, False), (32, False), (32, True)])
+@pytest.mark.parametrize("rows", [700, 1_000_000])
+def test_a_counter_that_begins_again_goes_on(bits: int, signed: bool, rows: int) -> None:
+    counts = 2 ** (bits - int(signed)) - 7_000 + 20 * np.arange(1000, dtype=np.int64)
+    written = (counts + (2 ** (bits - 1) if signed else 0)) % 2**bits - (
+        2 ** (bits - 1) if signed else 0
+    )
+    assert (np.diff(written) < 0).sum() == 1
+    written = np.delete(written, np.arange(345, 350))  # with some missing where it begins again
+    counts = np.delete(counts, np.arange(345, 350))
+    for kind in (pa.int64(), pa.float64(), pa.decimal128(32, 12)):
+        clock = TextClock("t", "ms")
+        batches = (written[i : i + rows] for i in range(0, len(written), rows))
+        seconds = [clock.seconds(pa.array(batch).cast(kind)) for batch in batches]
+        np.testing.assert_allclose(np.concatenate(seconds), (counts - counts[0]) / 1e3, atol=1e-9)
+
+
+@pytest.mark.parametrize("values", [[0, 20, 40, 0, 20, 40], [65_400, 65_420, 3_000, 3_020]])
+def test_a_count_that_is_set_back_is_no_counter_at_its_end(values: list[int]) -> None:
+    seconds = TextClock("t", "ms").seconds(pa.array(values))
+    np.testing.assert_allclose(seconds, (np.array(values) - values[0]) / 1e3)
