@@ -249,7 +249,8 @@ def test_a_stated_order_does_not_turn_dates_that_are_clear(tmp_path: Path) -> No
             "t,a,b\n" + rows(seconds) + '0.8,"1,234.5",1\n',
             "in line 42; a number is needed, without",
         ),
-        ("t,a,b\nx\n" + "\0" * 50, "this is no text"),
+        ("t,a,b\nx\n" + "\0xy" * 50, "this is no text"),
+        ("t,a,b\nx\n" + "\0" * 50, "0 samples below the header"),  # a block left unwritten
         ("# only\n# comments\n", "the file is empty"),
         ("PK\x03\x04" + "\0" * 50, "no text but an archive or a workbook"),
         ('"TOB1","TOWER"\n' + "\0" * 50, "convert it to TOA5"),
