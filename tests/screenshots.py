@@ -265,6 +265,8 @@ def main(arguments: list[str]) -> None:
     if reason := missing():
         _log.warning("skipped: %s", reason)
         return
+    if len(arguments) < 2:
+        sys.exit(str(__doc__))
     rrd, folder = map(Path, arguments[:2])
     folder.mkdir(parents=True, exist_ok=True)
     try:
