@@ -173,7 +173,7 @@ def _with_fraction(texts: pa.Array, part: ClockPart, column: pa.Array) -> pa.Arr
     """
     counts = np.nan_to_num(_numbers(part, column)) * FRACTIONS[part]
     if (counts >= NANOSECONDS).any():
-        raise PartError(f"{part} {counts.max() / FRACTIONS[part]:g}, which is a second or more")
+        raise PartError(f"has {part} {counts.max() / FRACTIONS[part]:g}, which is a second or more")
     written = pa.array([f".{count:09d}" for count in np.rint(counts).astype(np.int64).tolist()])
     split = pc.extract_regex(texts, r"^(?P<clock>.*:\d{1,2}:\d{1,2})(?P<rest>[^\d.,:].*)?$")
     clock, rest = pc.struct_field(split, "clock"), pc.struct_field(split, "rest")
@@ -217,7 +217,7 @@ def _numbers(part: ClockPart, column: pa.Array) -> FloatArray:
         try:
             column = plain.cast(pa.float64())
         except pa.ArrowInvalid as error:
-            raise PartError(f"{part} with a value that is no number") from error
+            raise PartError(f"has {part} with a value that is no number") from error
     values = values_of(column.cast(pa.float64()))
     least, most = _RANGES[part]
     with np.errstate(invalid="ignore"):
@@ -226,5 +226,5 @@ def _numbers(part: ClockPart, column: pa.Array) -> FloatArray:
             odd |= values % 1 > 0
     if odd.any():
         sample = int(np.argmax(odd)) + 1
-        raise PartError(f"{part} {values[sample - 1]:g}; {least:g} to {most:g} are possible")
+        raise PartError(f"has {part} {values[sample - 1]:g}; {least:g} to {most:g} are possible")
     return values
