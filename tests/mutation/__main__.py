@@ -31,7 +31,7 @@ from tests.benchmarks import _results
 HERE, ROOT = Path(__file__).parent, Path(__file__).parents[2]
 LISTS = ("numerics", "faults", "fresh", "drawn", "again", "third", "fourth", "fifth", "sixth",
          "seventh", "eighth", "ninth", "tenth",
-         "eleventh", "twelfth", "thirteenth", "fourteenth")  # fmt: skip
+         "eleventh", "twelfth", "thirteenth", "fourteenth", "fifteenth")  # fmt: skip
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".*_cache")
 # What the tests import and no fault is in: once for all faults.
 LIBRARIES = ("numpy", "scipy.stats", "scipy.optimize", "scipy.signal", "scipy.linalg", "emcee",

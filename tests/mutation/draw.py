@@ -16,6 +16,7 @@
     python -m tests.mutation.draw --seed 20261230 --faults 100 --executed FILE   (twelfth)
     python -m tests.mutation.draw --seed 20261131 --faults 40 --executed FILE   (thirteenth)
     python -m tests.mutation.draw --seed 20261132 --faults 60   (fourteenth)
+    python -m tests.mutation.draw --seed 20261133 --faults 60   (fifteenth)
 
 Where a fault is and what it changes is drawn; its tests are those that import the module, the
 nearest first, or else those that import what imports it; and those that hold what is published and

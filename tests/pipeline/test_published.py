@@ -10,18 +10,20 @@ import io
 import json
 import tempfile
 from collections.abc import Iterable, Iterator
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 from prometheus_client import generate_latest
 from prometheus_client.registry import CollectorRegistry
 from rich.console import Console
 from rich.table import Table
+from typer.main import get_command
 
-from pipeline.cli import results
+from pipeline.cli import app, results
 from pipeline.cli.tables.modes import identified_modes_table
 from pipeline.cli.tables.posteriors import figures_tables, posterior_table, posteriors_table
 from pipeline.cli.tables.recordings import (
@@ -34,6 +36,14 @@ from pipeline.cli.tables.running import status_tables
 from pipeline.export.export import export
 from pipeline.messages import Message, QualityWarning, WindowRejected
 from pipeline.monitoring.alarms.outbox import DeliveryState
+from pipeline.monitoring.alarms.settings import (
+    AlarmLogSettings,
+    AlarmSettings,
+    HeartbeatSettings,
+    MailSettings,
+    MqttSettings,
+    WebhookSettings,
+)
 from pipeline.monitoring.metrics import MetricsNode, delivery_families
 from pipeline.monitoring.status import StatusNode
 from pipeline.monitoring.summary import SessionSummary
@@ -45,12 +55,24 @@ from pipeline.state.run_modes import CombinedTracks
 from pipeline.updating.structural.sensors.figures import sensor_figures
 from pipeline.updating.structural.settings import OTHERS, UNCERTAIN
 from sensors.acquisition.blocks import NANOSECONDS
+from sensors.feeds.payloads.mapping import PayloadMapping
+from sensors.files.layout_file import LayoutFile, MappedChannel
+from sensors.files.table import TimeColumn
 from sensors.json_values import with_nulls
 from sensors.settings import constants_of
-from sensors.structure.description import load_turbine
+from sensors.structure.calibration import Calibration
+from sensors.structure.components import Blades, PointMass, RigidBody, RotorNacelle, Tube, Water
+from sensors.structure.description import TurbineDescription, load_turbine
+from sensors.structure.foundation import FoundationSprings
 from tests.pipeline.example_messages import LAYOUT, START_NS, block, status
 from tests.pipeline.report.example_session import estimate, posterior, recorded, session
 
+WRITTEN_BY_HAND = (  # sections of descriptions, layouts, mappings and of where notices go
+    *(TurbineDescription, Calibration, Blades, PointMass, RigidBody, RotorNacelle, Tube, Water),
+    *(FoundationSprings, LayoutFile, MappedChannel, TimeColumn, PayloadMapping),
+    *(AlarmSettings, AlarmLogSettings, HeartbeatSettings, MailSettings, MqttSettings),
+    WebhookSettings,
+)
 GOLDEN = Path(__file__).parents[1] / "golden" / "published.json"
 FIGURES = {
     "added_mass": {"median": 0.012, "p05": -0.1, "p95": 0.12, "unit": "-"},
@@ -129,6 +151,8 @@ def published() -> dict[str, Any]:
         "priors": _priors(),
         "scenario": scenario_settings(own).splitlines(),
         "defaults": dict(_defaults(scenario_from_text("", "own.toml"), "")),
+        "commands": dict(_options()),
+        "files": {k.__name__: dict(_unstated(k)) for k in WRITTEN_BY_HAND},
     }
     return dict(json.loads(json.dumps(with_nulls(found))))
 
@@ -150,6 +174,23 @@ def _defaults(settings: Any, prefix: str) -> Iterator[tuple[str, str]]:
             yield from _defaults(value, f"{prefix}{name}.")
         else:
             yield prefix + name, repr(value)
+
+
+def _options() -> Iterator[tuple[str, str]]:
+    """ "run --speed" → "'max'": what every command takes where nothing is said."""
+    group: Any = get_command(app)
+    context = typer.Context(group, info_name="pilewatch")
+    for name in group.list_commands(context):
+        for each in group.get_command(context, name).params:
+            default = each.default
+            yield f"{name} {each.opts[0]}", "" if callable(default) else repr(default)
+
+
+def _unstated(kind: Any) -> Iterator[tuple[str, str]]:
+    """Every key that a file may leave out, and what it is then."""
+    for each in fields(kind):
+        if each.default is not MISSING:
+            yield each.name, repr(each.default)
 
 
 def _results(summary: SessionSummary, figures: Any) -> list[str]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.archive.tracking import ArchiveTracking
-from pipeline.messages import FoundationTruth, ModalEstimate
+from pipeline.messages import FoundationTruth, ModalEstimate, WindowRejected
 from tests.pipeline.example_estimates import WINDOW, estimate, mode
 from tests.pipeline.example_messages import LAYOUT
 
@@ -44,3 +44,18 @@ def test_a_gap_widens_what_is_expected_of_a_mode_for_twelve_windows_and_no_longe
 
     assert after(12) == after(13) == after(1000)
     assert after(11) != after(12)
+
+
+def test_a_rejected_window_widens_what_is_expected_as_one_that_is_missing_does() -> None:
+    def after(*answers: ModalEstimate | WindowRejected) -> object:
+        tracking = ArchiveTracking(LAYOUT.channel_names, float(WINDOW))
+        list(tracking.followed(answers))
+        (track,) = tracking.state.tracker.tracks
+        return [value for value in astuple(track) if isinstance(value, float)]
+
+    windows = [estimate(mode(1.0, SHAPE), number=n) for n in range(5)]
+    lost = windows[3]
+    rejected = WindowRejected("t1", 3, lost.start_ns, lost.end_ns, "nan", "no value")
+    missing = after(*windows[:3], windows[4])
+    assert after(*windows[:3], rejected, windows[4]) == missing
+    assert after(*windows) != missing

@@ -92,6 +92,11 @@ def test_a_frequency_beyond_the_sampling_rate_is_refused(two_mass_system: KnownS
         identify(y, 20.0, OmaSettings(highest_frequency=15.0))
 
 
+def test_a_band_without_width_is_refused() -> None:
+    with pytest.raises(OmaSettingsError, match=r"2 Hz, not above lowest_frequency \(2 Hz\)"):
+        OmaSettings(lowest_frequency=2.0, highest_frequency=2.0)
+
+
 def test_one_sample_is_too_short() -> None:
     rejection = identify(np.array([[1.0, 2.0]]), 40.0).rejection
     assert rejection is not None

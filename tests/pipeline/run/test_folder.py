@@ -234,3 +234,10 @@ def test_a_node_gets_the_scenario_that_its_run_names(tmp_path: Path) -> None:
     named = node_command("updating", source, options, bus, "own.toml")
     assert named[named.index("--scenario") + 1] == "own.toml"
     assert "--scenario" not in node_command("updating", source, options, bus, None)
+
+
+def test_a_figure_that_is_no_number_is_not_written_as_json_has_none(tmp_path: Path) -> None:
+    path = tmp_path / "summary.json"
+    with pytest.raises(ValueError, match="JSON compliant"):
+        folder.write_summary(path, {"std": float("nan")})
+    assert not path.exists()

@@ -12,6 +12,7 @@ from pipeline.oma.whittle.lone_modes import (
     ALONE_LINES,
     ALONE_WIDTHS,
     DenseBands,
+    _all_known,
     _worth_a_fit,
     borne_out,
     by_its_lines,
@@ -98,6 +99,23 @@ def test_a_vague_pole_of_noise_is_refused_and_one_of_a_mode_stays() -> None:
         (reason,) = found.refused
         assert reason.code == "explained"
         assert reason.frequency == of_noise.frequency
+
+
+@pytest.mark.parametrize(
+    ("widths", "other_width", "known"), [(2.0, 1, True), (3.0, 1, False), (3.0, 2, True)]
+)
+def test_a_direction_at_a_resonance_is_another_modes_within_two_and_a_half_of_its_widths(
+    widths: float, other_width: float, known: bool
+) -> None:
+    """Two directions stand out; the second one's mode is near by the wider of the two."""
+    vague = pole(TRUE_F, std=0.006)
+    beside = TRUE_F * (1 + widths * TRUE_ZETA)
+    other = replace(pole(beside, std=0.006), damping_ratio=other_width * TRUE_ZETA / beside)
+    for seed in range(4):
+        spectrum = lines([TRUE_F, TRUE_F], [SHAPE, np.array([0.5, -1.0, 0.2])], seed)
+        assert not _all_known(vague, [], spectrum)
+        assert _all_known(vague, [other], spectrum) is known
+    assert _all_known(vague, [], lines([TRUE_F], [SHAPE], 1))
 
 
 def test_lines_are_asked_of_no_mode_that_is_well_known() -> None:

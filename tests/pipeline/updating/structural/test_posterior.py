@@ -1,12 +1,14 @@
 """Draws of a posterior over several σ are those that its mean and covariance state, and σ is what
 the errors of all modes have, not what few have."""
 
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from pipeline.updating.evidence.modal_evidence import ModalEvidence
+from pipeline.updating.likelihood.likelihood import sigma_grid
 from pipeline.updating.likelihood.mode_errors import ModeErrors, _measured
 from pipeline.updating.structural.joint_model import JointPeak
 from pipeline.updating.structural.posterior import JointPosterior, joint_posterior
@@ -81,6 +83,27 @@ def test_the_discrepancy_of_all_modes_is_no_heap_of_gross_errors(sigma: float) -
         mean = found.weights @ found.sigma
         std = np.sqrt(found.weights @ (found.sigma - mean) ** 2)
         assert abs(mean - sigma) < 3 * std + 0.02 * sigma
+
+
+def test_the_weights_of_sigma_are_those_of_the_integral_over_all_coordinates() -> None:
+    """Of linear Gaussian errors in closed form: η − J (u − u₀) ~ N(0, D(σ) + J P⁻¹ Jᵀ)."""
+    generator = np.random.default_rng(11)
+    peak = peak_of(0.5 * STD * generator.standard_normal((MODES, 1 + COMPONENTS)))
+    eta = peak.comparison.errors
+    J = 20 * STD * generator.standard_normal((len(eta), 4))
+    u = COORDINATES.origin + 0.05 * generator.standard_normal(4)
+    peak = replace(peak, u=u, comparison=replace(peak.comparison, jacobian=J))
+    found = joint_posterior(peak, COORDINATES, highest_sigma=5 * STD, n_sigma=20)
+    at_prior = eta - J @ (u - COORDINATES.origin)
+    logs = []
+    for sigma in found.sigma:
+        wide = np.diag(np.full(len(eta), STD**2 + sigma**2))
+        wide += J @ np.linalg.inv(COORDINATES.prior_precision) @ J.T
+        square = at_prior @ np.linalg.solve(wide, at_prior)
+        logs.append(-0.5 * (square + np.linalg.slogdet(wide)[1]))
+    widths = sigma_grid(5 * STD, 20)[1]
+    expected = np.exp(np.array(logs) - max(logs)) * widths
+    np.testing.assert_allclose(found.weights, expected / expected.sum(), rtol=0.02, atol=1e-4)
 
 
 def test_few_gross_errors_are_no_discrepancy_of_the_model() -> None:
