@@ -1,6 +1,7 @@
 """`pilewatch report` and `show`: a recorded session as a page or in the viewer."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,8 @@ from pipeline.cli.console import (
     stop_on_signals,
 )
 from sensors.errors import InputError
+
+PAGE = b"<!doctype html"  # begins every report
 
 
 def report(
@@ -40,6 +43,7 @@ def report(
     page = out or (None if as_json else Path("report.html"))
     if page is not None:
         require_place(page, "-o")
+        _require_no_other_file(page)
     with stderr.status(escape_markup(f"reading {session}")):
         read = read_session(session)
     if page is not None:
@@ -49,6 +53,19 @@ def report(
         stderr.print(f"{escape_markup(str(page))}: {size}", soft_wrap=True)
     if as_json:
         output.print_json(json.dumps(session_json(read)))
+
+
+def _require_no_other_file(page: Path) -> None:
+    """Refuse to replace what is no page: a recording, a layout.
+
+    Raises
+    ------
+    InputError
+    """
+    with suppress(FileNotFoundError), page.open("rb") as file:
+        begin = file.read(len(PAGE)).lower()
+        if begin and begin != PAGE:
+            raise InputError(f"-o {page} exists and is no report; -o names another file")
 
 
 def show(

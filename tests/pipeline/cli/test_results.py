@@ -2,8 +2,10 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 from typer.testing import CliRunner
@@ -14,6 +16,9 @@ from pipeline.monitoring.status import ENDPOINT_FILE
 from pipeline.monitoring.summary import SessionSummary
 from pipeline.scenario import load_scenario
 from pipeline.transport import zenoh_bus
+from tests.pipeline.example_estimates import estimate, mode
+
+SHAPE = np.linspace(0.2, 1.0, 8)
 
 
 def test_of_many_warnings_of_a_kind_some_are_printed_and_the_rest_counted(
@@ -50,6 +55,23 @@ def test_a_rejection_before_anything_was_measured_is_a_line(
     figures = summary.as_json(wall=1.0)
     results.print_results(summary, figures, scenario=scenario, layout=scenario.layout)
     assert "window rejected: gap of 2 s" in written.getvalue().splitlines()
+
+
+def test_modes_without_a_posterior_stand_beside_the_models_nearest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else nobody could tell a wrong description from a window that was spoilt."""
+    written = io.StringIO()
+    monkeypatch.setattr(results, "output", Console(file=written, width=100))
+    scenario = load_scenario("parked")
+    found = estimate(mode(0.25, SHAPE))
+    summary = SessionSummary("live", "t1", live=True)
+    summary.handle(replace(found, channels=scenario.layout.channel_names))
+    figures = summary.as_json(wall=1.0)
+    results.print_results(summary, figures, scenario=scenario, layout=scenario.layout)
+    text = written.getvalue()
+    assert "the model's nearest mode" in text
+    assert "No posterior: no window could be used." in text
 
 
 @pytest.mark.parametrize("named", [True, False])

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -291,3 +292,24 @@ if __name__ == "__main__":
     with TemporaryDirectory() as folder:
         made = _recorded(Path(folder) / "session.mcap")
         PAGE.write_text(_said(made, page(read_session(made))), "utf-8")
+
+
+@pytest.mark.parametrize("content", [b"", b"<!DOCTYPE html>\n<title>an older report</title>"])
+@pytest.mark.usefixtures("undrawn")
+def test_an_older_report_is_replaced(one: Path, tmp_path: Path, content: bytes) -> None:
+    out = tmp_path / "report.html"
+    out.write_bytes(content)
+    assert CliRunner().invoke(app, ["report", str(one), "-o", str(out)]).exit_code == 0
+    assert out.read_bytes().startswith(b"<!doctype html")
+
+
+def test_no_recording_and_no_layout_is_replaced_by_a_report(one: Path, tmp_path: Path) -> None:
+    recording, layout = tmp_path / "session.mcap", tmp_path / "layout.toml"
+    shutil.copy(one, recording)
+    layout.write_text('turbine = "t1"')
+    for out in (recording, layout):
+        before = out.read_bytes()
+        ran = CliRunner().invoke(app, ["report", str(recording), "-o", str(out)])
+        assert isinstance(ran.exception, InputError)
+        assert "exists and is no report" in str(ran.exception)
+        assert out.read_bytes() == before
