@@ -111,3 +111,14 @@ def test_numbers_in_binary_are_no_text(tmp_path: Path) -> None:
     path.write_bytes(bytes(64) + np.arange(1000, dtype="<f4").tobytes())
     with pytest.raises(FileError, match="no text"):
         read_file(path)
+
+
+def test_a_packed_file_gives_a_line_or_so_many_bytes_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv.gz"
+    with gzip.open(path, "wb") as file:
+        file.write(b"t,a\n0,1\n")
+    with decoding.BoundedGzip(path) as packed:
+        assert packed.readline(3) == b"t,a"
+        assert packed.readline() == b"\n"
+        assert packed.readline(-1) == b"0,1\n"
+        assert packed.readline(None) == b""
