@@ -1,15 +1,18 @@
 """How far a feed was published, on its way to disk."""
 
 import os
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sensors.acquisition.blocks import NANOSECONDS
+from sensors.acquisition.blocks import NANOSECONDS, AccelerationBlock
+from sensors.feeds.assembly.assembler import Assembler
 from sensors.feeds.live import LiveFeed
 from sensors.feeds.position import FeedPosition
 from sensors.feeds.protocol import ChannelSamples
+from sensors.files.layout_file import LayoutFile, MappedChannel
 from tests.sensors.feeds.scripted import ScriptedFeed, measured_until
 
 
@@ -95,3 +98,18 @@ def test_what_was_received_before_is_known_however_long_ago_and_another_clock_is
     assert again(1000, received_before=False)
     assert again(5, received_before=True)
     assert again(5000, received_before=True)
+
+
+def test_a_block_is_marked_before_it_goes_out(tmp_path: Path) -> None:
+    """Killed while it is published, it may be in the spool: the next process has to ask."""
+    position = FeedPosition(tmp_path / "position.json", clock=lambda: 0.0)
+    channel = MappedChannel("ax", 100.0, (1.0, 0.0, 0.0))
+    feed = ScriptedFeed([piece(second) for second in range(100, 110)])
+    live = LiveFeed(feed, Assembler(LayoutFile((channel,), "t1", "top"), feed.counts), position)
+    for each in live.measured(threading.Event()):
+        if isinstance(each, AccelerationBlock):
+            break
+    again = FeedPosition(tmp_path / "position.json")
+    assert again.resumed_ns < each.end_ns
+    again.has_published(each.start_ns, each.end_ns)
+    assert again.published_ns == each.end_ns

@@ -420,6 +420,14 @@ def test_columns_of_parquet_are_understood_by_their_types(tmp_path: Path) -> Non
     np.testing.assert_array_equal(table.samples.T, [np.round(SAMPLES[:, 0]), half])
 
 
+def test_dates_in_text_and_parts_of_a_clock_in_parquet_are_the_time(tmp_path: Path) -> None:
+    written = [f"{stamp}Z" for stamp in np.array(STAMPS, "datetime64[ns]").astype(str)]
+    columns = {"when": written, "Hour": np.full(60, 12), "Minute": np.full(60, 0)}
+    parquet.write_table(pa.table({**columns, "a": SAMPLES[:, 0]}), tmp_path / "a.parquet")
+    table = read_file(tmp_path / "a.parquet")
+    assert (table.names, table.start_ns, table.sampling_rate) == (("a",), START_NS, RATE)
+
+
 def test_structures_of_matlab_are_groups_with_their_own_notes(tmp_path: Path) -> None:
     content = {
         "tower": {"acc": SAMPLES, "fs": RATE, "units": "g", "labels": np.array(["a", "b"], object)},
