@@ -1,6 +1,7 @@
 """A recording that may run for a year: parts, what is kept, what a full disk and a kill leave."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from pipeline.recording.mcap_file import counted_in_summary
 from pipeline.recording.reader import read_messages, read_metadata
 from pipeline.recording.rotation import (
     close_leftovers,
+    keep_results,
     next_part,
     parts_of,
     raw_files,
@@ -173,6 +175,22 @@ def test_results_that_a_kill_left_are_replaced(tmp_path):
     assert session_in(tmp_path)[0] == recordings_of(tmp_path) == parts
     assert thin(path, RecordingSettings(keep_gigabytes=1e-9), START_NS) == parts
     assert all_same(list(read_messages(results_of(first), (WindowRejected,))), [rejection(0)])
+
+
+def test_results_that_stay_make_no_room(tmp_path):
+    """Room for a part less half of its results is not there before a second part has gone."""
+    path = tmp_path / "session.mcap"
+    recorded(tmp_path, 60, rotate_after=10.0)
+    first, second, *_ = parts_of(path)
+    trial = tmp_path / "trial" / first.name
+    trial.parent.mkdir()
+    shutil.copy(first, trial)
+    size = first.stat().st_size
+    results = keep_results(trial)
+    needed = size - results.stat().st_size // 2
+    kept = RecordingSettings(keep_gigabytes=1.0)
+    now_ns = max(part.stat().st_mtime_ns for part in parts_of(path))
+    assert thin(path, kept, now_ns, needed=needed) == [first, second]
 
 
 def test_a_part_that_cannot_go_counts_and_the_next_ones_go(tmp_path, caplog):

@@ -26,12 +26,12 @@ def test_an_offset_lies_as_far_from_the_truth_as_it_says() -> None:
     assert 0.5 < np.sqrt(np.mean(np.square(apart))) < 1.3
 
 
-@pytest.mark.parametrize("turned", [0, 1, 2, 5, 11])
-def test_a_shape_that_is_turned_round_is_no_delay(turned: int) -> None:
+@pytest.mark.parametrize("every", [2, 3, 5])
+def test_a_shape_that_is_turned_round_is_no_delay(every: int) -> None:
     """The sign of a mode's motion in one unit against the other is not known."""
     omega = 2 * np.pi * np.linspace(0.5, 8.0, 12)
     phases = omega * 4e-3
-    phases[[turned, turned // 2]] += np.pi
+    phases[::every] += np.pi
     found = _fitted(omega, phases)
     assert found is not None
     assert found.seconds == pytest.approx(4e-3, abs=1e-5)

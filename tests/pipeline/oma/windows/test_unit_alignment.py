@@ -177,3 +177,14 @@ def test_one_stamp_that_is_late_moves_the_samples_by_its_share_of_all_stamps() -
     asked = 30 * NANOSECONDS
     moved = (disturbed.position_at(asked) - exact.position_at(asked)) / RATE
     assert 0 < abs(moved) < 0.6e-3
+
+
+@pytest.mark.parametrize(("off", "followed"), [(0.009, True), (0.012, False), (-0.2, False)])
+def test_a_rate_that_no_converter_has_is_the_stamps_fault(off: float, followed: bool) -> None:
+    """A clock that is set, or stamps that stand still: the nominal rate is nearer to the truth."""
+    stream = UnitStream(block("lower", 0), 1)
+    for k in range(60):
+        each = block("lower", k)
+        stream.push(replace(each, start_ns=round(k * NANOSECONDS / (1 + off))))
+    line = stream._fitted(stream._stamps)
+    assert line.rate == pytest.approx(RATE * (1 + off) if followed else RATE)
