@@ -19,7 +19,7 @@ from zenoh import NTP64
 
 from pipeline.messages import NodeStatus, WindowRejected
 from pipeline.streams import stream_of
-from pipeline.transport import zenoh_arrivals, zenoh_bus
+from pipeline.transport import zenoh_arrivals, zenoh_bus, zenoh_settings
 from pipeline.transport.bus import Inbox
 from pipeline.transport.errors import TransportError, UnreachableError
 from pipeline.transport.zenoh_arrivals import (
@@ -91,8 +91,12 @@ def test_of_too_many_publishers_the_one_silent_longest_goes_and_may_come_back(
         assert [key.split("/")[1] for key in bus._publishers] == ["t4", "t2", "t1"]
 
 
-def test_the_largest_block_that_may_be_sent_passes_a_link() -> None:
-    """Seven and a half megabytes: the codec's bound is eight."""
+def test_the_largest_block_that_may_be_sent_passes_a_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seven and a half megabytes: the codec's bound is eight. As between two machines: on one they
+    may go through memory that both share, which no link limits."""
+    entries = zenoh_settings._entries
+    apart = {"transport/shared_memory/enabled": False}
+    monkeypatch.setattr(zenoh_settings, "_entries", lambda settings: entries(settings) | apart)
     samples = np.ones((1_900_000, 1), np.float32)
     endpoint = free_endpoint()
     with closing(ZenohBus(hub(endpoint))) as bus, closing(ZenohBus(peer_of(endpoint))) as other:
