@@ -4,8 +4,8 @@
 
 Needs uv. Each environment gets the wheel of this tree, replays the shipped recording, and its last
 posterior is held against the first environment's: medians within a tenth of a standard deviation,
-widths within 3 %. The table is written to tests/benchmarks/results/matrix.json; an interpreter that
-cannot be had is a row that says so.
+widths within 3 %. The table is written to tests/benchmarks/results/matrix.json, each row with its commit; an
+interpreter that cannot be had is a row that says so.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks._results import keep, kept
+from tests.benchmarks._results import git, keep, kept
 
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
@@ -92,7 +92,8 @@ def main() -> None:
     parser.add_argument("--only", choices=RESOLUTIONS)
     options = parser.parse_args()
     uv = shutil.which("uv") or sys.exit("uv is needed: pip install uv")
-    table: dict[str, Any] = dict((kept("matrix") or {"figures": {}})["figures"])
+    before = kept("matrix") or {"figures": {}, "commit": ""}
+    table = {label: {"commit": before["commit"]} | row for label, row in before["figures"].items()}
     first: dict[str, Any] | None = None
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -110,7 +111,7 @@ def main() -> None:
                 except (RuntimeError, subprocess.TimeoutExpired) as error:
                     row = {"result": f"not run: {error}"}
                 shutil.rmtree(place, ignore_errors=True)
-                table[label] = row
+                table[label] = row | {"commit": git("rev-parse", "HEAD")}
                 sys.stdout.write(f"{label:12s} {row}\n")
                 sys.stdout.flush()
     keep("matrix", table, command="python -m tests.matrix", depends=("pyproject.toml",))
