@@ -4,8 +4,8 @@
 
 Needs uv. Each environment gets the wheel of this tree, replays the shipped recording, and its last
 posterior is held against the first environment's: medians within a tenth of a standard deviation,
-widths within 3 %. The table is written to tests/benchmarks/results/matrix.json, each row with its commit; an
-interpreter that cannot be had is a row that says so.
+widths within 3 %. The table is written to tests/benchmarks/results/matrix.json, each row with its
+commit; an interpreter that cannot be had is a row that says so.
 """
 
 import argparse
