@@ -38,6 +38,16 @@ def test_results_behind_rows_say_how_they_were_measured() -> None:
         assert result["command"].startswith("python -m tests.")
 
 
+def test_the_command_of_a_result_states_its_seeds() -> None:
+    """With others, a default of the benchmark, it would measure another figure than it stands by."""
+    always_alike = {"identification-speed", "modal"}  # one set of samples, of draws
+    for path in sorted(FOLDER.glob("*.json")):
+        result = kept(path.stem)
+        assert result is not None
+        if result["seeds"] and path.stem not in always_alike:
+            assert str(result["seeds"][0]) in result["command"], path.stem
+
+
 def test_a_row_of_the_same_records_is_of_the_seeds_of_the_one_before() -> None:
     """A peer on other records would be told as better or worse than it is."""
     table = rows()

@@ -138,7 +138,8 @@ def main(arguments: Sequence[str]) -> None:
             keep(
                 "storm-scour",
                 row(outcomes) | {"outcomes": [asdict(each) for each in outcomes]},
-                command="python -m tests.benchmarks storm_scour --keep",
+                command="python -m tests.benchmarks storm_scour --seeds "
+                + " ".join(str(each.seed) for each in outcomes),
                 seeds=[each.seed for each in outcomes],
                 depends=DEPENDS,
             )
