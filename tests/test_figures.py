@@ -39,7 +39,7 @@ def test_results_behind_rows_say_how_they_were_measured() -> None:
 
 
 def test_the_command_of_a_result_states_its_seeds() -> None:
-    """With others, a default of the benchmark, it would measure another figure than it stands by."""
+    """With others, the benchmark's default, it would measure another figure than it stands by."""
     always_alike = {"identification-speed", "modal"}  # one set of samples, of draws
     for path in sorted(FOLDER.glob("*.json")):
         result = kept(path.stem)
