@@ -157,7 +157,7 @@ def detect_encoding(beginning: bytes, path: Path) -> str:
 def holds_nul(path: Path) -> bool:
     """Return whether an 8-bit text has blocks of NUL bytes, as a power failure leaves them.
 
-    Of a packed file it is not known before it is read, and False.
+    False of a packed file, which would have to be unpacked for it.
     """
     with open_unpacked(path) as file:
         if not isinstance(file, io.BufferedReader) or not path.stat().st_size:

@@ -96,7 +96,7 @@ def read_head(path: Path, wanted: Wanted = EVERYTHING) -> TextHead:
     lines = list(io.StringIO(text, newline=None))
     if len(beginning) == BEGINNING and len(lines) > 1:
         lines = lines[:-1]  # incomplete
-    nul = not encoding.startswith("utf-16") and holds_nul(path)
+    nul = not encoding.startswith("utf-16") and (b"\0" in beginning or holds_nul(path))
     lines = [line.rstrip("\n") for line in lines if not (nul and "\0" in line)]
     if not any(_holds_cells(line) for line in lines):
         raise FileError(f"{path}: the file is empty; a header row is needed")

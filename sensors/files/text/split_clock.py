@@ -224,6 +224,8 @@ def _numbers(part: ClockPart, column: pa.Array) -> FloatArray:
         odd = ~truths_of(column.is_null()) & ~((values >= least) & (values <= most))
         if part in _OF_DATE:
             odd |= values % 1 > 0
+        if part == "hour and minute":
+            odd |= values % 100 >= 60
     if odd.any():
         sample = int(np.argmax(odd)) + 1
         raise PartError(f"has {part} {values[sample - 1]:g}; {least:g} to {most:g} are possible")

@@ -33,29 +33,26 @@ def test_a_truth_that_several_tasks_read_is_given_once() -> None:
     assert [each.time_ns for each in tracking.followed(truths)] == [10, 20, 30]
 
 
-def test_a_gap_widens_what_is_expected_of_a_mode_for_twelve_windows_and_no_longer() -> None:
-    def after(windows_missing: int) -> object:
-        tracking = ArchiveTracking(LAYOUT.channel_names, float(WINDOW))
-        windows = [estimate(mode(1.0, SHAPE), number=n) for n in range(3)]
-        later = estimate(mode(1.0, SHAPE), number=3 + windows_missing)
-        list(tracking.followed([*windows, later]))
-        (track,) = tracking.state.tracker.tracks
-        return [value for value in astuple(track) if isinstance(value, float)]
+def followed_mode(*answers: ModalEstimate | WindowRejected) -> list[float]:
+    """What is expected of the one mode of some windows, after them."""
+    tracking = ArchiveTracking(LAYOUT.channel_names, float(WINDOW))
+    list(tracking.followed(answers))
+    (track,) = tracking.state.tracker.tracks
+    return [value for value in astuple(track) if isinstance(value, float)]
 
-    assert after(12) == after(13) == after(1000)
-    assert after(11) != after(12)
+
+def windows_at(*numbers: int) -> list[ModalEstimate]:
+    return [estimate(mode(1.0, SHAPE), number=number) for number in numbers]
+
+
+def test_a_gap_widens_what_is_expected_of_a_mode_for_twelve_windows_and_no_longer() -> None:
+    after = {n: followed_mode(*windows_at(0, 1, 2, 3 + n)) for n in (11, 12, 13, 1000)}
+    assert after[12] == after[13] == after[1000]
+    assert after[11] != after[12]
 
 
 def test_a_rejected_window_widens_what_is_expected_as_one_that_is_missing_does() -> None:
-    def after(*answers: ModalEstimate | WindowRejected) -> object:
-        tracking = ArchiveTracking(LAYOUT.channel_names, float(WINDOW))
-        list(tracking.followed(answers))
-        (track,) = tracking.state.tracker.tracks
-        return [value for value in astuple(track) if isinstance(value, float)]
-
-    windows = [estimate(mode(1.0, SHAPE), number=n) for n in range(5)]
-    lost = windows[3]
+    before, (lost, last) = windows_at(0, 1, 2), windows_at(3, 4)
     rejected = WindowRejected("t1", 3, lost.start_ns, lost.end_ns, "nan", "no value")
-    missing = after(*windows[:3], windows[4])
-    assert after(*windows[:3], rejected, windows[4]) == missing
-    assert after(*windows) != missing
+    assert followed_mode(*before, rejected, last) == followed_mode(*before, last)
+    assert followed_mode(*before, lost, last) != followed_mode(*before, last)

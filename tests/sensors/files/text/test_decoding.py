@@ -98,6 +98,14 @@ def test_blocks_that_a_power_failure_left_empty_are_missing_samples(
     assert "move up" not in caplog.text
 
 
+def test_a_packed_file_with_such_a_block_is_read_as_it_is_unpacked(tmp_path: Path) -> None:
+    plain = interrupted(tmp_path / "record.csv", True, 20_003)
+    with gzip.open(tmp_path / "record.csv.gz", "wb") as file:
+        file.write(plain.read_bytes())
+    packed, table = read_file(tmp_path / "record.csv.gz"), read_file(plain)
+    np.testing.assert_array_equal(packed.samples, table.samples)
+
+
 def test_without_a_time_column_what_comes_behind_the_block_moves_up(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

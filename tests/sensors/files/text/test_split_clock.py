@@ -88,6 +88,7 @@ def test_milliseconds_that_count_on_are_no_part(tmp_path: Path) -> None:
     ("titles", "row", "reason"),
     [
         ("Hour,Minute,Second", "12,73,5.0", "has minute 73; 0 to 59 are possible"),
+        ("Year,DOY,HHMM,Sec", "2026,1,1273,0", "hour and minute 1273"),
         ("Year,Month,Day,Hour,Minute", "2026,13,1,0,0", "month 13; 1 to 12 are possible"),
         ("Year,DOY,Hour,Minute", "2026,1.5,0,0", "day of the year 1.5; 1 to 366 are possible"),
         ("Hour,Minute,Second", "12,,5.0", "has no value in sample 101"),
